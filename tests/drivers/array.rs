@@ -63,12 +63,12 @@ fn codes_go_where_they_belong_in_any_mounting() {
 
 #[test]
 fn an_array_that_says_nothing_is_dead_and_one_that_speaks_is_not() {
+    assert_eq!((DEAD_FRAMES, STUCK_FRAMES), (24, 80), "100 ms and a third of a second");
     let mut frame = PiezoFrame::zeroed();
     for code in [0, IDLE_CODE, 30_000, u16::MAX] {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let mut array = Array::new(Box::leak(nominal()));
         let uniform = vec![code; TAXELS];
-        assert_eq!(DEAD_FRAMES, 24, "100 ms");
         for n in 1..=3 * DEAD_FRAMES {
             assert_eq!(array.read(&uniform, 0, 1, &mut frame), n < DEAD_FRAMES, "code {code}, frame {n}");
         }

@@ -47,9 +47,13 @@ fn the_list_has_every_register_once_and_each_answers() {
 }
 
 #[test]
-fn errors_of_the_memories_are_registers() {
+fn uptime_and_errors_of_the_memories_are_registers() {
     let mut node = node();
     (node.status.flash_errors, node.status.ram_errors) = ([300, 1], [2, 70_000]);
+    node.poll(5_999_999);
+    let uptime =
+        ask(&mut node, ACCESS_PORT, 2, &access("slipsense.status.uptime_s", &[0]), 5_999_999).unwrap();
+    assert_eq!(uptime[8..14], natural32(&[5]));
     for (id, name, errors) in [(0, "flash_errors", [300, 1]), (1, "ram_errors", [2, 70_000])] {
         let name = format!("slipsense.status.{name}");
         let answer = ask(&mut node, ACCESS_PORT, id, &access(&name, &[0]), 0).unwrap();

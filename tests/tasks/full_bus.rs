@@ -64,6 +64,7 @@ fn run(foreign_load_percent: u64) -> Ran {
     assert_eq!(details(&ran).iter().sum::<usize>(), ran.raw.len());
     let made = world.frames * world.sensors as u32;
     let accounted = ran.raw.len() as u32 + ran.status.dropped_raw;
+    assert_eq!(RAW_MESSAGES, 6, "two periods of three sensors");
     assert!((made - RAW_MESSAGES as u32..=made).contains(&accounted), "{accounted} of {made}");
     ran
 }

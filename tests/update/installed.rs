@@ -3,7 +3,7 @@
 use embassy_futures::block_on;
 use slipsense::node::UpdateTarget::{Firmware, Model};
 use slipsense::node::{Severity, Version};
-use slipsense::update::partitions::FLASH_BASE;
+use slipsense::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2};
 use slipsense::update::{
     DEVELOPMENT_KEY, KEY_NOTICE, Notice, Refusal, Run, SlotModel, find_bootloader, running_header,
 };
@@ -26,9 +26,31 @@ fn a_bootloader_begins_in_its_own_partition() {
         write([0x2400_8000, FLASH_BASE + reset]);
         assert_eq!(find().is_ok(), is_there, "{reset:#x}");
     }
+    write([0x2400_8000, boot.start + 0x299]);
+    assert_eq!(find(), Err(Refusal::NoBootloader), "not in flash");
     // No address of an instruction.
     write([0x2400_8000, FLASH_BASE + boot.start + 0x298]);
     assert_eq!(find(), Err(Refusal::NoBootloader));
+}
+
+/// Sectors of 128 KB (RM0433, embedded flash memory): a board in the field keeps its settings where they are.
+#[test]
+fn the_partitions_of_the_board_are_where_they_were() {
+    let board = NUCLEO_H743ZI2;
+    let spans =
+        [board.boot, board.active, board.dfu, board.state, board.model, board.settings, board.written()];
+    assert_eq!(
+        spans.map(|span| (span.start, span.end)),
+        [
+            (0, 0x2_0000),
+            (0x2_0000, 0x8_0000),
+            (0x10_0000, 0x18_0000),
+            (0x18_0000, 0x1A_0000),
+            (0x1A_0000, 0x1C_0000),
+            (0x1C_0000, 0x20_0000),
+            (0x10_0000, 0x20_0000)
+        ]
+    );
 }
 
 #[test]

@@ -305,10 +305,13 @@ fn corpus_frames() -> Vec<RawParts> {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let scan = PiezoFrame::from_scan(std::array::from_fn(|_| rng.random_range(0..4_096)));
     frames.push((5, 6, 1, 0, Some(scan), Some((0..33).map(|_| rng.random()).collect()), 33));
-    // A tone, whose samples go on as the two before them; falling from the first on.
+    // Tones whose samples go on as the two before them, or back.
     let mut tone = contact(9, 1, 0);
-    tone.5 =
-        Some((0i16..33).map(|at| [1, -2, 3].map(|slope| slope * 90 * ((at + 4) % 16 - 8).abs())).collect());
+    let samples = (0i16..33).map(|at| {
+        let slope = 90 * ((at + 4) % 16 - 8).abs();
+        [slope, -2 * slope, 900 * (at % 2) + 40 * (at % 5)]
+    });
+    tone.5 = Some(samples.collect());
     frames.push(tone);
     frames
 }

@@ -110,3 +110,12 @@ const fn same(a: &[u8; 32], b: &[u8; 32]) -> bool {
     }
     index == 32
 }
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn a_key_is_read_in_both_cases() {
+        let key = super::from_hex(b"0123456789abcdefABCDEF0123456789abcdefABCDEF0123456789abcdefABCD");
+        assert_eq!(key[..11], [0x01, 0x23, 0x45, 0x67, 0x89, 0xAB, 0xCD, 0xEF, 0xAB, 0xCD, 0xEF]);
+    }
+}

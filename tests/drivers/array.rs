@@ -48,6 +48,8 @@ fn codes_go_where_they_belong_in_any_mounting() {
                 assert!(array.read(&codes, index, arrays, &mut frame));
                 let flip = |n: usize, flipped: bool| if flipped { 31 - n } else { n };
                 for slot in 0..TAXELS {
+                    let place = flip(slot / 32, rows_flipped) * 32 + flip(slot % 32, cols_flipped);
+                    assert_eq!(mounting.place(slot), place);
                     let (row, col) = (slot / 32, slot % 32);
                     let (r, c) = (flip(row, rows_flipped), flip(col, cols_flipped));
                     let expected = if is_active(r, c) { counts[slot * arrays + index] } else { 0 };

@@ -243,6 +243,23 @@ fn another_part_is_refused_by_name() {
 }
 
 #[test]
+fn a_level_above_what_a_fifo_holds_is_a_fault() {
+    let mut samples = FifoSamples::new();
+    for (level, is_fault) in [(318, false), (319, true), (400, true)] {
+        let part = Part::new(Kind::Adxl380);
+        part.borrow_mut().fifo = vec![0; 3 * usize::from(level)].into();
+        let fault = block_on(adxl380(&part).drain(&mut samples)).err();
+        assert_eq!(fault == Some(XlFault::Level { level }), is_fault, "{level}: {fault:?}");
+    }
+    for (level, is_fault) in [(2_048, false), (2_049, true), (4_000, true)] {
+        let part = Part::new(Kind::Icm42688);
+        part.borrow_mut().fifo = vec![0; usize::from(level)].into();
+        let fault = block_on(icm42688(&part).drain(&mut samples)).err();
+        assert_eq!(fault == Some(XlFault::Level { level }), is_fault, "{level}: {fault:?}");
+    }
+}
+
+#[test]
 fn an_icm42688_gets_the_widest_filter() {
     let part = Part::new(Kind::Icm42688);
     let _bench = Bench::new(part.clone(), icm42688(&part)).started();

@@ -12,8 +12,8 @@ use slipsense::fixed::Logit;
 use slipsense::health::{self, CanState, CanStatus, Condition, SelfChecks, SensorHealth, Status};
 use slipsense::net::format::OperatingPoint;
 use slipsense::node::{
-    ACCESS_PORT, CHALLENGE_BYTES, COMMAND_PORT, FileSink, GET_INFO_PORT, HEARTBEAT_PORT, IDENTIFY, Identity,
-    Node, RECORD_PORT, RESTART, SELF_TEST, SIGNATURE_BYTES, STORE, UpdateTarget,
+    ACCESS_PORT, CALIBRATE, CHALLENGE_BYTES, COMMAND_PORT, FileSink, GET_INFO_PORT, HEARTBEAT_PORT, IDENTIFY,
+    Identity, Node, RECORD_PORT, RESTART, SELF_TEST, SIGNATURE_BYTES, STORE, UpdateTarget,
 };
 use slipsense::params::MAX_SENSORS;
 use slipsense::settings::Settings;
@@ -429,6 +429,15 @@ fn a_failed_self_check_is_recorded_once_and_is_in_every_heartbeat() {
     let beat = &ran.messages(HEARTBEAT_PORT)[1].2;
     assert_eq!((beat[4], beat[6]), (3, 2 | 128));
     assert_eq!(ran.log.shown.last(), Some(&Condition::Warning));
+}
+
+#[test]
+fn a_board_without_arrays_calibrates_none() {
+    let ran = Run::new(&[(100, COMMAND_PORT, command(CALIBRATE, b"0 1"))], 1_500).run();
+    let why = "there is no array";
+    let answer = &ran.answers(COMMAND_PORT)[0].2;
+    assert_eq!((answer[0], &answer[2..2 + why.len()]), (1, why.as_bytes()));
+    assert!(!ran.records().iter().any(|record| record.contains("calibrated")), "{:?}", ran.records());
 }
 
 /// Each second, and at once where it changes.

@@ -47,6 +47,7 @@ fn raw_is_whole_or_counted(world: &World<'_>, ran: &Ran, broken: u32) {
     assert_eq!(parts, (broken, 0), "no part of a message but over bus-off");
     let made = world.frames * world.sensors as u32;
     let waiting = if world.disturbance.foreign_load_percent == 100 { RAW_MESSAGES } else { 0 };
+    assert_eq!(ran.waiting, waiting);
     assert_eq!((ran.raw.len() + waiting) as u32 + ran.status.dropped_raw + ran.status.broken_raw, made);
     for message in &ran.raw {
         let mut parts = [const { SensorReadings::new() }; MAX_SENSORS];

@@ -245,6 +245,8 @@ pub struct Ran {
     pub raw: Vec<RawMessage>,
     /// What the receiver could make nothing of.
     pub errors: usize,
+    /// Raw messages that had not left at the end.
+    pub waiting: usize,
 }
 
 impl Ran {
@@ -303,7 +305,9 @@ impl World<'_> {
             arrived.borrow_mut().drain(..).for_each(sink);
         }
         let (slips, raw) = (Vec::new(), Vec::new());
-        let mut ran = Ran { arrived: arrived.take(), status: shared.status(), slips, raw, errors: 0 };
+        let waiting = transmission.waiting_raw();
+        let mut ran =
+            Ran { arrived: arrived.take(), status: shared.status(), slips, raw, errors: 0, waiting };
         let mut receiver = Receiver::new(NODE);
         for arrived in &ran.arrived {
             match receiver.accept(&arrived.frame) {

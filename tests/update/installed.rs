@@ -54,6 +54,14 @@ fn the_partitions_of_the_board_are_where_they_were() {
 }
 
 #[test]
+fn a_sink_knows_what_runs_and_has_the_bootloaders_state() {
+    Device::new().sink(OLD, |sink| {
+        assert_eq!(sink.running().map(|header| header.version), Some(OLD));
+        assert!(sink.state().is_some());
+    });
+}
+
+#[test]
 fn a_firmware_knows_its_version_by_the_signed_header_only() {
     let device = Device::new();
     let running = || block_on(running_header(&mut device.part(BOARD.active), &BOARD, &[DEVELOPMENT_KEY]));

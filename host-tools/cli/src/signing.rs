@@ -6,9 +6,6 @@ use std::path::Path;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::ValueEnum;
 use ed25519_dalek::SigningKey;
-use object::elf::PT_LOAD;
-use object::read::elf::{FileHeader, ProgramHeader};
-use object::{LittleEndian, elf};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 use slipsense::net::Model;
@@ -17,6 +14,7 @@ use slipsense::node::UpdateTarget;
 use slipsense::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2, Partitions, TRAILER_BYTES};
 use slipsense::update::{HEADER_BYTES, Header, ImageVersion};
 use slipsense_recording::from_hex;
+use slipsense_recording::program;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
 pub enum Board {
@@ -62,7 +60,7 @@ pub fn header_for(
         };
         let partitions = board.partitions();
         let payload =
-            if file.starts_with(&elf::ELFMAG) { flatten(file, name, partitions)? } else { file.to_vec() };
+            if program::is_elf(file) { program::flatten(file, name, partitions)? } else { file.to_vec() };
         check_vectors(&payload, name, partitions)?;
         (UpdateTarget::Firmware, payload, partitions.active.bytes() - TRAILER_BYTES)
     };
@@ -72,36 +70,6 @@ pub fn header_for(
     let board = board.map_or(0, |board| board.partitions().id);
     let header = Header { target, board, version, length: bytes as u32, sha256 };
     Ok((header, payload))
-}
-
-/// What the program holds in its slot, from the slot's first byte on. What it writes elsewhere belongs to a probe: the
-/// words in the bootloader's place, and the blank trailer.
-fn flatten(file: &[u8], name: &str, board: &Partitions) -> Result<Vec<u8>> {
-    let header = elf::FileHeader32::<LittleEndian>::parse(file)
-        .with_context(|| format!("{name}: is not a program of the microcontroller"))?;
-    let endian = header.endian()?;
-    ensure!(header.e_machine(endian) == elf::EM_ARM, "{name}: is a program of another machine");
-    let slot = FLASH_BASE + board.active.start..FLASH_BASE + board.active.end - TRAILER_BYTES;
-    let mut payload = Vec::new();
-    for segment in header.program_headers(endian, file)? {
-        let address = segment.p_paddr(endian);
-        let Ok(data) = segment.data(endian, file) else { bail!("{name}: is cut short") };
-        if segment.p_type(endian) != PT_LOAD || data.is_empty() || !slot.contains(&address) {
-            continue;
-        }
-        let begin = (address - slot.start) as usize;
-        let end = begin + data.len();
-        ensure!(
-            end <= slot.len(),
-            "{name}: the program leaves its slot, {} bytes from {:#x} on",
-            slot.len(),
-            slot.start
-        );
-        payload.resize(payload.len().max(end), 0xFF);
-        payload[begin..end].copy_from_slice(data);
-    }
-    ensure!(!payload.is_empty(), "{name}: nothing of the program lies in the slot of the {}", board.label);
-    Ok(payload)
 }
 
 /// Its reset vector must point into the slot.

@@ -46,6 +46,8 @@ pub mod model_file;
 pub mod npz;
 mod predictions;
 #[cfg(feature = "links")]
+pub mod program;
+#[cfg(feature = "links")]
 pub mod rebuild;
 #[cfg(feature = "links")]
 pub mod recorder;

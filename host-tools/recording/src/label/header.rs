@@ -83,7 +83,7 @@ impl Quantity {
                 None => 1.0,
                 Some(unit) => self.factor(unit).ok_or_else(|| {
                     let known: Vec<_> = self.units.iter().map(|(name, _)| *name).collect();
-                    format!("column \"{title}\": unit must be one of {}", known.join(", "))
+                    format!("column {title:?}: unit must be one of {}", known.join(", "))
                 })?,
             };
             let title = title.trim().to_owned();

@@ -244,7 +244,7 @@ impl<'t> Table<'t> {
 impl Column {
     fn refuse(&self, row: &StringRecord, line: u64, rule: &str) -> LabelError {
         let value: String = row.get(self.at).unwrap_or_default().trim().chars().take(40).collect();
-        LabelError(format!("line {line}, column \"{}\": is \"{value}\", {rule}", self.title))
+        LabelError(format!("line {line}, column {:?}: is {value:?}, {rule}", self.title))
     }
 }
 

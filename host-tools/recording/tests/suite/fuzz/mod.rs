@@ -22,6 +22,7 @@ use slipsense::node::UpdateTarget;
 use slipsense::params::TAXELS;
 use slipsense::sensor::{PiezoFrame, SensorInput};
 use slipsense::settings::{Damage, Setting, Settings, TABLE, check};
+use slipsense::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2, TRAILER_BYTES};
 use slipsense::update::{DEVELOPMENT_KEY, Header, ImageVersion, SIGNED_BYTES};
 use slipsense::wire::{
     CanFrame, Detail, NodeId, RawBuffer, RawForm, RawFrame, RawMessage, Sessions, SlipMessage, TransferId,
@@ -29,8 +30,10 @@ use slipsense::wire::{
 };
 use slipsense_recording::candump::{CandumpReader, CandumpWriter, LogEntry};
 use slipsense_recording::decode::Decoder;
+use slipsense_recording::label::StandLog;
 use slipsense_recording::mcap_file::{McapSink, parse};
 use slipsense_recording::model_file::random_model;
+use slipsense_recording::program::flatten;
 use slipsense_recording::{Episode, Meta, slcan};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
@@ -304,6 +307,58 @@ fn slcan_lines() {
             assert_eq!(slcan::parse(again.trim_end().as_bytes()), Some(Ok(*frame)));
         }
         !frames.is_empty()
+    });
+}
+
+/// A log that is read has a reading for each frame, and refuses in one line what it does not take.
+#[test]
+fn stand_logs() {
+    let readings =
+        (0..12).map(|n| format!("{}.{};{};{}\n", n / 10, n % 10, n * n, 5 - n)).collect::<String>();
+    let log = |titles: &str| format!("made by hand\n{titles}\n{readings}").into_bytes();
+    let corpus = vec![log("Time (s);Extension (mm);Load (N)"), log("time_s;travel_mm;note")];
+    assert!(corpus.iter().all(|log| StandLog::parse(std::str::from_utf8(log).unwrap()).is_ok()));
+    fuzz(mutated(corpus), 20, |bytes| match StandLog::parse(&String::from_utf8_lossy(bytes)) {
+        Ok(log) => {
+            if let Ok(at) = log.at_frames(24, 0.0) {
+                assert_eq!(at.displacement_mm.len(), 24);
+            }
+            true
+        }
+        Err(error) => {
+            assert_one_line(&error.to_string());
+            false
+        }
+    });
+}
+
+/// One segment of eight bytes at the beginning of the slot, and one elsewhere.
+fn elf_file() -> Vec<u8> {
+    let numbers =
+        |numbers: &[u32]| numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<_>>();
+    let slot = FLASH_BASE + NUCLEO_H743ZI2.active.start;
+    // 32 bits, little-endian, an executable of ARM, two program headers of 32 bytes behind the 52 of this one.
+    let header = [
+        b"\x7fELF\x01\x01\x01\0\0\0\0\0\0\0\0\0".to_vec(),
+        numbers(&[40 << 16 | 2, 1, slot, 52, 0, 0, 32 << 16 | 52, 2, 40 << 16]),
+    ];
+    let segment = |at, address| numbers(&[1, at, address, address, 8, 8, 5, 4]);
+    [header.concat(), segment(116, slot), segment(124, FLASH_BASE), vec![7; 16]].concat()
+}
+
+/// What comes of a firmware's file fits its slot.
+#[test]
+fn elf_files() {
+    assert_eq!(flatten(&elf_file(), "x", &NUCLEO_H743ZI2).unwrap(), [7; 8]);
+    fuzz(mutated(vec![elf_file()]), 10, |bytes| match flatten(bytes, "x", &NUCLEO_H743ZI2) {
+        Ok(payload) => {
+            assert!((1..=NUCLEO_H743ZI2.active.bytes() - TRAILER_BYTES).contains(&(payload.len() as u32)));
+            true
+        }
+        Err(error) => {
+            assert_one_line(&format!("{error:#}"));
+            false
+        }
     });
 }
 

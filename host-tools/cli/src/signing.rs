@@ -13,8 +13,7 @@ use slipsense::net::format::MAGIC as MODEL_MAGIC;
 use slipsense::node::UpdateTarget;
 use slipsense::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2, Partitions, TRAILER_BYTES};
 use slipsense::update::{HEADER_BYTES, Header, ImageVersion};
-use slipsense_recording::from_hex;
-use slipsense_recording::program;
+use slipsense_recording::{firmware_elf, from_hex};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
 pub enum Board {
@@ -59,8 +58,11 @@ pub fn header_for(
             bail!("{name}: a firmware is for one board: --board says which");
         };
         let partitions = board.partitions();
-        let payload =
-            if program::is_elf(file) { program::flatten(file, name, partitions)? } else { file.to_vec() };
+        let payload = if firmware_elf::is_elf(file) {
+            firmware_elf::flatten(file, name, partitions)?
+        } else {
+            file.to_vec()
+        };
         check_vectors(&payload, name, partitions)?;
         (UpdateTarget::Firmware, payload, partitions.active.bytes() - TRAILER_BYTES)
     };

@@ -30,6 +30,8 @@ pub mod decode;
 mod episode;
 mod episode_file;
 mod error;
+#[cfg(feature = "links")]
+pub mod firmware_elf;
 mod health;
 mod mel;
 pub mod label;
@@ -45,8 +47,6 @@ mod meta;
 pub mod model_file;
 pub mod npz;
 mod predictions;
-#[cfg(feature = "links")]
-pub mod program;
 #[cfg(feature = "links")]
 pub mod rebuild;
 #[cfg(feature = "links")]

@@ -240,7 +240,7 @@ fn clippy(context: Context) -> Result<()> {
     if context.size == Size::Daily {
         return selections(context.size).iter().try_for_each(|selection| clippy(selection));
     }
-    // In one: it makes nothing that the build of the wheel could take.
+    // In one selection: the wheel is not built from what this makes.
     clippy(&["--workspace", "--features", "slipsense-cli/train"])?;
     clippy(&["--package", "slipsense-cli", "--no-default-features"])?;
     clippy(&["--package", "slipsense", "--package", "slipsense-qemu", "--features", cmsis::FEATURE])

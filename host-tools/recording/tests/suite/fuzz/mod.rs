@@ -30,10 +30,10 @@ use slipsense::wire::{
 };
 use slipsense_recording::candump::{CandumpReader, CandumpWriter, LogEntry};
 use slipsense_recording::decode::Decoder;
+use slipsense_recording::firmware_elf::flatten;
 use slipsense_recording::label::StandLog;
 use slipsense_recording::mcap_file::{McapSink, parse};
 use slipsense_recording::model_file::random_model;
-use slipsense_recording::program::flatten;
 use slipsense_recording::{Episode, Meta, slcan};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
@@ -356,7 +356,9 @@ fn elf_files() {
             true
         }
         Err(error) => {
-            assert_one_line(&format!("{error:#}"));
+            let error = format!("{error:#}");
+            assert_one_line(&error);
+            assert!(error.starts_with("x: "), "{error}");
             false
         }
     });

@@ -14,13 +14,13 @@ pub fn is_elf(file: &[u8]) -> bool {
 /// What the program holds in its slot, from the slot's first byte on. What it writes elsewhere belongs to a probe: the
 /// words in the bootloader's place, and the blank trailer. Errors begin with `name`.
 pub fn flatten(file: &[u8], name: &str, board: &Partitions) -> Result<Vec<u8>> {
-    let header = elf::FileHeader32::<LittleEndian>::parse(file)
-        .with_context(|| format!("{name}: is not a program of the microcontroller"))?;
-    let endian = header.endian()?;
+    let no_program = || format!("{name}: is not a program of the microcontroller");
+    let header = elf::FileHeader32::<LittleEndian>::parse(file).with_context(no_program)?;
+    let endian = header.endian().with_context(no_program)?;
     ensure!(header.e_machine(endian) == elf::EM_ARM, "{name}: is a program of another machine");
     let slot = FLASH_BASE + board.active.start..FLASH_BASE + board.active.end - TRAILER_BYTES;
     let mut payload = Vec::new();
-    for segment in header.program_headers(endian, file)? {
+    for segment in header.program_headers(endian, file).with_context(no_program)? {
         let address = segment.p_paddr(endian);
         let Ok(data) = segment.data(endian, file) else { bail!("{name}: is cut short") };
         if segment.p_type(endian) != PT_LOAD || data.is_empty() || !slot.contains(&address) {

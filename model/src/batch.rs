@@ -44,19 +44,19 @@ pub struct Options {
     /// Whether what the accelerometers hear is changed at random.
     pub xl_augmentation: bool,
     /// See [`Sequences::extreme_weight`].
-    pub extreme_weight: f32,
+    pub extreme_weight: Option<f32>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { pads: PadView::default(), xl_augmentation: true, extreme_weight: 2.0 }
+        Self { pads: PadView::default(), xl_augmentation: true, extreme_weight: Some(2.0) }
     }
 }
 
 /// Draws batches from a set of episodes.
 #[derive(Debug)]
 pub struct Sampler<'e> {
-    episodes: &'e [Features],
+    episodes: Vec<&'e Features>,
     sensors: usize,
     frames: usize,
     options: Options,
@@ -67,15 +67,15 @@ pub struct Sampler<'e> {
 impl<'e> Sampler<'e> {
     /// Stretches of `frames` frames. All episodes must have the same number of sensors and be at least
     /// that long, and every class must occur.
-    pub fn new(episodes: &'e [Features], frames: usize, options: Options) -> Result<Self> {
-        Ok(Self { options, ..Self::of_some(episodes, frames, |_| true)? })
-    }
-
-    /// Of those episodes whose number `keep` takes.
-    pub fn of_some(episodes: &'e [Features], frames: usize, keep: impl Fn(usize) -> bool) -> Result<Self> {
+    pub fn new(
+        episodes: impl IntoIterator<Item = &'e Features>,
+        frames: usize,
+        options: Options,
+    ) -> Result<Self> {
+        let episodes: Vec<_> = episodes.into_iter().collect();
         let sensors = episodes.first().map_or(0, |e| e.sensors);
         let mut groups: [Vec<(u32, u32)>; GROUPS] = Default::default();
-        for (index, episode) in episodes.iter().enumerate().filter(|(index, _)| keep(*index)) {
+        for (index, episode) in episodes.iter().enumerate() {
             let (own, length) = (episode.sensors, episode.frames());
             ensure!(own == sensors, "training episode {index} has {own} sensors, the first has {sensors}");
             ensure!(
@@ -102,7 +102,7 @@ impl<'e> Sampler<'e> {
             ensure!(!frames.is_empty(), "no training frame has label {class}");
         }
         ensure!(!groups[CLASSES].is_empty(), "no training episode holds the onset of a slip");
-        Ok(Self { episodes, sensors, frames, options: Options::default(), groups })
+        Ok(Self { episodes, sensors, frames, options, groups })
     }
 
     pub fn class_frames(&self) -> [usize; CLASSES] {
@@ -160,7 +160,7 @@ impl<'e> Sampler<'e> {
         let mut shares = there().flat_map(|(frames, share)| std::iter::repeat_n(frames, share as usize));
         let frames = shares.nth(dice as usize).expect("there are as many shares");
         let (episode, frame) = frames[rng.random_range(0..frames.len())];
-        let episode = &self.episodes[episode as usize];
+        let episode = self.episodes[episode as usize];
         let before = rng.random_range(0..self.frames);
         let start = (frame as usize).saturating_sub(before).min(episode.frames() - self.frames);
 

@@ -103,6 +103,11 @@ const TURNS: [(Split, bool); 8] = [
     (Split::Train, true),
     (Split::Train, true),
 ];
+/// Is a generated training episode, by its place, of the laboratory's physics.
+pub(crate) fn is_of_laboratory(place: usize) -> bool {
+    TURNS[place % TURNS.len()].0 == Split::Train
+}
+
 /// Length of an episode of disturbances, seconds: room for a few grasps.
 pub(crate) const DISTURBANCES_SECONDS: f64 = 20.0;
 

@@ -19,8 +19,9 @@ const ONSET_WEIGHT: f32 = 4.0;
 const BEGINS_WEIGHT: f32 = 0.3;
 
 /// Binary cross entropy of log-odds `[batch, frame, 1]` against the targets, nat; the mean over all frames of weights
-/// as above. The surest of an onset and the worst of a stretch count `extreme_weight` in addition.
-pub(crate) fn loss(log_odds: Tensor<3>, targets: &[Target], extreme_weight: f32) -> Tensor<1> {
+/// as above. The surest of an onset and the worst of a stretch count `extreme_weight` in addition; without it the frames
+/// of an onset count as all others do.
+pub(crate) fn loss(log_odds: Tensor<3>, targets: &[Target], extreme_weight: Option<f32>) -> Tensor<1> {
     let [batch, frames, _] = log_odds.dims();
     let values = numbers(log_odds.clone());
     let sequences = targets.chunks_exact(frames).zip(values.chunks_exact(frames));
@@ -38,7 +39,7 @@ pub(crate) fn loss(log_odds: Tensor<3>, targets: &[Target], extreme_weight: f32)
 }
 
 /// What the frames of one sequence count, by their targets and what the network says of them.
-fn weights(targets: &[Target], log_odds: &[f32], extreme_weight: f32) -> Vec<f32> {
+fn weights(targets: &[Target], log_odds: &[f32], extreme_weight: Option<f32>) -> Vec<f32> {
     let mut weights: Vec<f32> = targets
         .iter()
         .map(|target| match target {
@@ -47,6 +48,7 @@ fn weights(targets: &[Target], log_odds: &[f32], extreme_weight: f32) -> Vec<f32
             Target::Either => 0.0,
         })
         .collect();
+    let Some(extreme_weight) = extreme_weight else { return weights };
     let mut start = 0;
     for run in targets.chunk_by(|a, b| a == b) {
         let end = start + run.len();
@@ -92,7 +94,9 @@ mod tests {
         targets[115..].fill(Target::Either);
         let mut log_odds = vec![-5.0; 120];
         (log_odds[7], log_odds[60], log_odds[104], log_odds[114]) = (-1.0, 2.0, 1.0, 9.0);
-        let weights = weights(&targets, &log_odds, 12.0);
+        let of_frames = weights(&targets, &log_odds, None);
+        assert!(of_frames[..115].iter().all(|&weight| weight == 1.0) && of_frames[115..] == [0.0; 5]);
+        let weights = weights(&targets, &log_odds, Some(12.0));
         assert_eq!((weights[7], weights[60]), (13.0, 13.0));
         assert_eq!((weights[104], weights[103], weights[114]), (16.0, 4.0, 1.0));
         // The last stretch has 4 of 48 frames.
@@ -104,7 +108,7 @@ mod tests {
     fn the_loss_by_hand() {
         let targets = [Target::Still, Target::Slides, Target::Either, Target::Begins];
         let log_odds = tensor(vec![200.0, -200.0, 7.0, 0.0], [1, 4, 1], &Device::flex());
-        let loss = f64::from(loss(log_odds, &targets, 12.0).into_scalar::<f32>());
+        let loss = f64::from(loss(log_odds, &targets, Some(12.0)).into_scalar::<f32>());
         // A stretch of one frame; the sliding does not begin at the start of the sequence.
         let expected = (200.0 * (1.0 + 12.0 / 48.0) + 200.0 * 16.0 + 0.3 * 2f64.ln()) / 4.0;
         assert!((loss - expected).abs() < 1e-3, "{loss} {expected}");

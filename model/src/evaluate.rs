@@ -1,7 +1,7 @@
 //! What the integer pipeline and the float network reach on labelled episodes, and how often they agree.
 
 use anyhow::{Context, Result};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use slipsense::fixed::Logit;
 use slipsense::net::Model;
 use slipsense::params::{FRAME_RATE_HZ, OUTPUTS};
@@ -197,8 +197,11 @@ pub(crate) fn decide<T: PartialOrd>(touched: bool, [_, no_slip, slip, _]: &[T; O
     }
 }
 
+/// False alarms per hour at which trainings say what their detectors miss: what minutes of validation can tell.
+pub(crate) const VALIDATION_ALARMS_PER_HOUR: f64 = 10.0;
+
 /// What the detector reaches at the threshold that just keeps to a rate of false alarms, frame by frame.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DetectorFigures {
     /// Share of the sliding events that is missed, 0 to 1.
     pub missed: Option<f64>,

@@ -72,8 +72,9 @@ pub struct Sequences {
     pub weight: Vec<f32>,
     /// What the detector is to say of each frame, `[batch, frame]`.
     pub target: Vec<Target>,
-    /// What the surest frame of an onset and the worst of a stretch without slip count in addition.
-    pub extreme_weight: f32,
+    /// What the surest frame of an onset and the worst of a stretch without slip count in addition; with none every frame
+    /// that counts for the detector counts alike.
+    pub extreme_weight: Option<f32>,
     /// Probabilities of the classes by a teacher, `[batch, frame, class]`; empty without one.
     pub taught: Vec<f32>,
 }
@@ -244,7 +245,7 @@ impl Graph<'_> {
     }
 
     /// A parameter, `[row, column]`; a vector is one row.
-    fn get(&self, layer: &str, part: &str) -> Tensor<2> {
+    pub(crate) fn get(&self, layer: &str, part: &str) -> Tensor<2> {
         let index = self.index(layer, part);
         self.parameters[index].val().reshape([self.specs[index].rows, self.specs[index].cols])
     }

@@ -17,7 +17,7 @@ use crate::batch::{Options, Sampler};
 use crate::checkpoint::{Checkpoint, Row, csv};
 use crate::data::{Features, Source};
 use crate::device::DeviceName;
-use crate::evaluate::{DetectorFigures, Scores, detector_figures, score_logits};
+use crate::evaluate::{DetectorFigures, Scores, VALIDATION_ALARMS_PER_HOUR, detector_figures, score_logits};
 use crate::float::FloatNetwork;
 use crate::folder::{ObjectUses, Use};
 use crate::mining::{self, mine};
@@ -35,8 +35,6 @@ const AVERAGE_DECAY: f64 = 0.998;
 /// Largest norm of one tensor's gradient.
 const GRADIENT_NORM: f32 = 1.0;
 const WEIGHT_DECAY: f32 = 1e-3;
-/// False alarms per hour at which the curves say what the detector misses: what minutes of validation can tell.
-const VALIDATION_ALARMS_PER_HOUR: f64 = 10.0;
 
 /// What a training leaves: its weights, and what they were trained on and how.
 pub(crate) const WEIGHTS: &str = "weights.safetensors";
@@ -194,7 +192,7 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
         train.extend(mining::read(folder)?);
     }
     let mined = train.iter().filter(|features| features.mined).count();
-    let options = Options { extreme_weight: args.extreme_weight, ..Options::default() };
+    let options = Options { extreme_weight: Some(args.extreme_weight), ..Options::default() };
     let sampler = Sampler::new(&train, args.frames, options)?;
     let steps = total.div_ceil(args.batch * args.frames);
     let run = Run { args, teachers, first, steps };

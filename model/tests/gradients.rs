@@ -28,7 +28,7 @@ fn sequences() -> Sequences {
     let frames = input.batch * FRAMES;
     input.label = (0..frames).map(|t| (t / 7 % 3) as u8).collect();
     let targets = [Target::Still, Target::Begins, Target::Slides, Target::Either];
-    input.extreme_weight = 2.0;
+    input.extreme_weight = Some(2.0);
     input.target = (0..frames).map(|t| targets[t / 5 % 4]).collect();
     input.weight = (0..frames).map(|t| [0.0, 1.0, 3.0, 0.3][t % 4]).collect();
     input

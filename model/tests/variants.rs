@@ -270,8 +270,8 @@ fn a_batch_holds_what_its_options_say() {
 }
 
 pub fn reproduce_args(out: &Path, rows: &[&str]) -> ReproduceArgs {
-    let few =
-        "--seeds 1 --episodes 4 --steps 1 --encoder-steps 1 --test-episodes 1 --encoder-test-episodes 1";
+    let few = "--seeds 1 --episodes 4 --steps 1 --encoder-steps 1 --test-episodes 1 --encoder-test-episodes 1 \
+         --detector-episodes 1";
     let (out, rows) = (out.display(), rows.join(","));
     common::args(&format!("--out {out} --rows {rows} {few} --learning-rate 1e-3 --jobs 2"))
 }
@@ -293,11 +293,11 @@ fn a_comparison_goes_on_with_what_is_missing() {
 
     // These are done: their files, the time it took included, stay.
     let integers = read("integers-1.json");
-    run_reproduce(&reproduce_args(&out, &["base", "xl", "integers", "wide", "distilled"])).unwrap();
+    run_reproduce(&reproduce_args(&out, &["base", "xl", "integers", "mined", "wide", "distilled"])).unwrap();
     assert_eq!([read("base-1.json"), read("integers-1.json")], [base.clone(), integers]);
     let results = common::json(&out.join("comparisons.json"));
     let rows: Vec<_> = results["rows"].as_array().unwrap().iter().map(|row| &row["row"]).collect();
-    assert_eq!(rows, ["base", "xl", "integers", "wide", "distilled"]);
+    assert_eq!(rows, ["base", "xl", "mined", "integers", "wide", "distilled"]);
     assert!(read("report.txt").contains("does not hold") || read("report.txt").contains("cannot be told"));
     assert!(read("example.svg").contains("accelerometers"));
     // The paper's figures beside ours: of the whole network, and of accelerometers alone.

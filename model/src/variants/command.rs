@@ -52,10 +52,10 @@ impl BudgetName {
 /// Run the paper's comparisons: networks beside the shipped one, and the paper's own
 ///
 /// Trains every row on the same synthetic episodes, in float, and scores it on the first episodes of the frozen
-/// splits: modality, fusion, memory, resolution, augmentation, integers; the paper's network with each of its
-/// encoders; a network twice the size, and one taught by it. Without --rows the shipped network is shown as well, by
-/// speed and object and in the closed loop. A row and seed that is finished stays in DIR: the command, given again,
-/// goes on with what is missing.
+/// splits: modality, fusion, memory, resolution, augmentation, integers; worlds, loss and hard examples; the paper's
+/// network with each of its encoders; a network twice the size, and one taught by it. Without --rows the shipped network
+/// is shown as well, by speed and object and in the closed loop. A row and seed that is finished stays in DIR: the
+/// command, given again, goes on with what is missing.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = rows_help())]
 pub struct ReproduceArgs {
@@ -86,6 +86,9 @@ pub struct ReproduceArgs {
     /// First episodes of each UMI split to score the rows with the paper's encoders on, which are slow
     #[arg(long, value_name = "N")]
     pub encoder_test_episodes: Option<usize>,
+    /// Episodes of each validation split to judge the detector on, and as many without slip
+    #[arg(long, value_name = "N")]
+    pub detector_episodes: Option<usize>,
     /// Highest learning rate; it rises over the first steps and falls along a half cosine
     #[arg(long, value_name = "LR")]
     pub learning_rate: Option<f64>,
@@ -111,7 +114,7 @@ fn rows_help() -> String {
         "Rows:\n{}\n\n\
          Files written to DIR:\n  \
          ROW-SEED.json          figures of one row and seed, as soon as it is finished\n  \
-         base-SEED.safetensors  weights of the base, which the row `integers` quantizes\n  \
+         base-SEED.safetensors  weights of the base, which other rows quantize or train on\n  \
          wide-SEED.safetensors  weights of the larger network, which teaches the row `distilled`\n  \
          vit-mae-SEED.safetensors, ssast-SEED.safetensors  pretrained encoders\n  \
          budget.json            what every row gets\n  \
@@ -123,7 +126,7 @@ fn rows_help() -> String {
          At the small budget a row and seed with our encoders takes about a minute on one core, `wide`\n\
          and vision transformers several. The figures do not depend on --jobs. Commands with other --rows\n\
          or --seeds may run at once in the same DIR; one with all of them collects what they leave. Each holds the\n\
-         features of all episodes: 8 GB of memory with two jobs.\n\n\
+         features of all episodes: 12 GB of memory with two jobs.\n\n\
          Examples:\n  \
          slipsense reproduce --out out/paper\n  \
          slipsense reproduce --out out/fusion --rows base,late,concatenation --seeds 1\n  \
@@ -251,6 +254,7 @@ impl ReproduceArgs {
             ("--encoder-steps", self.encoder_steps, &mut budget.encoder_steps),
             ("--test-episodes", self.test_episodes, &mut budget.test_episodes),
             ("--encoder-test-episodes", self.encoder_test_episodes, &mut budget.encoder_test_episodes),
+            ("--detector-episodes", self.detector_episodes, &mut budget.detector_episodes),
         ] {
             *number = given.unwrap_or(*number);
             ensure!(*number > 0, "{option} must be at least 1");
@@ -276,11 +280,12 @@ impl ReproduceArgs {
         let full = if self.budget == BudgetName::Full { " --budget full" } else { "" };
         let gpu = if self.device == DeviceName::Gpu { " --device gpu" } else { "" };
         let &Budget { episodes, steps, encoder_steps, learning_rate, .. } = budget;
-        let &Budget { test_episodes, encoder_test_episodes, .. } = budget;
+        let &Budget { test_episodes, encoder_test_episodes, detector_episodes, .. } = budget;
         format!(
             "slipsense reproduce --out {}{rows}{ssast} --seeds {} --episodes {episodes} --steps {steps} \
              --encoder-steps {encoder_steps} --test-episodes {test_episodes} \
-             --encoder-test-episodes {encoder_test_episodes} --learning-rate {learning_rate}{full}{gpu}",
+             --encoder-test-episodes {encoder_test_episodes} --detector-episodes {detector_episodes} \
+             --learning-rate {learning_rate}{full}{gpu}",
             self.out.display(),
             seeds.join(",")
         )

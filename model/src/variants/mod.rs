@@ -60,6 +60,8 @@ pub enum Pool {
     BeforeFusion,
     /// Of the fused vector: each sensor's modalities ask each other only.
     AfterFusion,
+    /// Of each modality's embedding, and a learned share of the mean over the sensors is added: what they agree on.
+    WithMean,
 }
 
 /// The paper's encoders of pads and accelerometers.
@@ -87,6 +89,10 @@ pub struct Variant {
     pub pads: PadView,
     /// Is what the accelerometers hear changed at random in training.
     pub xl_augmentation: bool,
+    /// Is it trained on families of physics beside the laboratory's.
+    pub families: bool,
+    /// Does the detector's loss weigh events, else all frames alike.
+    pub event_loss: bool,
 }
 
 /// The network as shipped: what `slipsense train` trains and what is quantized has its parts, at its own size.
@@ -100,6 +106,8 @@ pub const BASE: Variant = Variant {
     over_floor: true,
     pads: PadView { side: TAXEL_ROWS, change: true },
     xl_augmentation: true,
+    families: true,
+    event_loss: true,
 };
 
 /// Where a row's weights come from.
@@ -111,6 +119,11 @@ pub enum Making {
     TaughtBy(&'static str),
     /// Not trained: the weights of [`BASE_ROW`] in integers.
     Quantized,
+    /// From the weights of [`BASE_ROW`] as many steps again.
+    TrainedOn {
+        /// Also on hard examples that those weights find.
+        mined: bool,
+    },
 }
 
 /// One row of the comparisons.
@@ -133,7 +146,7 @@ impl Row {
         match self.making {
             Making::Trained => None,
             Making::TaughtBy(teacher) => Some(teacher),
-            Making::Quantized => Some(BASE_ROW),
+            Making::Quantized | Making::TrainedOn { .. } => Some(BASE_ROW),
         }
     }
 
@@ -177,7 +190,7 @@ const fn encoders(name: &'static str, about: &'static str, pads: PadEncoder, xl:
     Row { encoders: Some(Encoders { pads, xl }), ..row(name, "paper's network", about, PAPER) }
 }
 
-pub const ROWS: [Row; 27] = [
+pub const ROWS: [Row; 32] = [
     row(BASE_ROW, "base", "both modalities, cross-attention, T = 60, 32×32, XL augmentation", BASE),
     row("piezo", "modality", "pads only", modality(Modality::Piezo)),
     row("xl", "modality", "accelerometers only, contact included", modality(Modality::Xl)),
@@ -204,6 +217,32 @@ pub const ROWS: [Row; 27] = [
         "maximum over sensors after the fusion",
         Variant { pool: Pool::AfterFusion, ..BASE },
     ),
+    row(
+        "with-mean",
+        "sensors",
+        "a learned share of the mean over sensors beside the maximum",
+        Variant { pool: Pool::WithMean, ..BASE },
+    ),
+    row(
+        "laboratory",
+        "worlds",
+        "the laboratory's physics alone: half of the episodes",
+        Variant { families: false, ..BASE },
+    ),
+    row(
+        "frame-loss",
+        "detector",
+        "its loss over frames, not over events",
+        Variant { event_loss: false, ..BASE },
+    ),
+    Row {
+        making: Making::TrainedOn { mined: false },
+        ..row("longer", "hard examples", "as many steps again from the base's weights", BASE)
+    },
+    Row {
+        making: Making::TrainedOn { mined: true },
+        ..row("mined", "hard examples", "the same, also on what the base takes for slip", BASE)
+    },
     Row {
         making: Making::Quantized,
         ..row(

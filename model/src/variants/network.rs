@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use burn::tensor::Tensor;
-use slipsense::net::format::{Dims, TensorSpec};
+use slipsense::net::format::{Dims, Kind, TensorSpec};
 use slipsense::params::{MEL_BINS, XL_FEATURES};
 
 use super::{BASE, Fusion, Modality, Pool, Variant};
@@ -21,6 +21,9 @@ const PIEZO: Stack = Stack { first: "cross_piezo", temporal: "temporal", head: "
 const XL: Stack = Stack { first: "cross_xl", temporal: "temporal", head: "head" };
 /// Of late fusion, beside the pads' [`PIEZO`].
 const LATE_XL: Stack = Stack { first: "cross_xl", temporal: "temporal_xl", head: "head_xl" };
+
+/// Of [`Pool::WithMean`]: shares of the mean, by channel; 0 before training.
+const MEAN_LAYERS: [&str; 2] = ["piezo.mean", "xl.mean"];
 
 /// Name in [`LATE_XL`] of a layer of [`XL`].
 fn late_name(layer: &str) -> &'static str {
@@ -76,6 +79,12 @@ impl Variant {
             let [_, _, width] = x.dims();
             x.reshape([batch, sensors, frames, width]).max_dim(1).reshape([batch, frames, width])
         };
+        let with_mean = |layer: &str, x: Tensor<3>| {
+            let [_, _, width] = x.dims();
+            let mean = x.clone().reshape([batch, sensors, frames, width]).mean_dim(1);
+            let share = graph.get(layer, "share").reshape([1, 1, width]);
+            widest(x) + mean.reshape([batch, frames, width]) * share
+        };
         let alone = |stack: &Stack, x: Tensor<2>| {
             let x = widest(of_sensors(x));
             let x = graph.attention(stack.first, x.clone(), x, &band);
@@ -94,6 +103,9 @@ impl Variant {
         let fused = match self.pool {
             Pool::BeforeFusion => self.fuse(graph, widest(piezo), widest(xl), &band),
             Pool::AfterFusion => widest(self.fuse(graph, piezo, xl, &band)),
+            Pool::WithMean => {
+                self.fuse(graph, with_mean(MEAN_LAYERS[0], piezo), with_mean(MEAN_LAYERS[1], xl), &band)
+            }
         };
         graph.head("head", graph.attention("temporal", fused.clone(), fused, &band))
     }
@@ -150,6 +162,11 @@ impl Architecture for Variant {
                 let renamed = |spec: TensorSpec| TensorSpec { layer: late_name(spec.layer), ..spec };
                 all.extend(half.iter().copied().filter(deciding).map(renamed));
             }
+        }
+        if self.pool == Pool::WithMean {
+            let kind = Kind::I16;
+            let share = |layer| TensorSpec { layer, part: "share", kind, rows: 1, cols: dims.embed };
+            all.extend(MEAN_LAYERS.map(share));
         }
         all
     }

@@ -10,7 +10,7 @@ use slipsense_synth::splits::GENERATOR_VERSION;
 
 use super::Row;
 use crate::device::DeviceName;
-use crate::evaluate::Scores;
+use crate::evaluate::{DetectorFigures, Scores};
 use crate::output;
 
 /// What every row gets.
@@ -37,6 +37,8 @@ pub struct Budget {
     pub test_episodes: usize,
     /// The same for rows with the paper's encoders, of the two UMI splits alone.
     pub encoder_test_episodes: usize,
+    /// First episodes of each validation split that the detector is judged on, and as many of disturbances.
+    pub detector_episodes: usize,
 }
 
 /// Of episodes of the generator as it is, seed 1: the small budget.
@@ -56,6 +58,7 @@ impl Default for Budget {
             ssast_sha256: None,
             test_episodes: 16,
             encoder_test_episodes: 4,
+            detector_episodes: 48,
         }
     }
 }
@@ -156,6 +159,8 @@ pub struct Finished {
     /// slips.
     pub window_ms: Option<f64>,
     pub splits: Vec<SplitFigures>,
+    /// Of rows with our encoders, on validation data at ten false alarms per hour.
+    pub detector: Option<DetectorFigures>,
     /// Of the rows that the picture of an episode shows.
     pub example: Option<Example>,
 }
@@ -221,6 +226,8 @@ pub struct RowResults {
     pub window_ms: Option<Spread>,
     /// Of all seeds.
     pub devices: Vec<DeviceName>,
+    /// What the detector misses, a share; null where a seed has no figure.
+    pub detector_missed: Option<Spread>,
     pub splits: Vec<RowSplit>,
     pub seeds: Vec<Finished>,
 }
@@ -254,6 +261,7 @@ impl RowResults {
                 .into_iter()
                 .filter(|device| seeds.iter().any(|seed| seed.device == *device))
                 .collect(),
+            detector_missed: Spread::new(seeds.iter().map(|seed| seed.detector?.missed)),
             splits: first.splits.iter().enumerate().map(split).collect(),
             seeds,
         })

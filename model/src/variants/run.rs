@@ -18,13 +18,16 @@ use super::sets::{SPLITS, Sets};
 use super::train::Training;
 use super::{Making, Row, Variant, example, integers, row_named};
 use crate::batch::{Options, Sampler};
-use crate::data::Features;
+use crate::data::{Features, is_of_laboratory};
 use crate::device::DeviceName;
 use crate::encoders::{Ssast, Vit, XlEncoder, named};
 use crate::float::FloatNetwork;
+use crate::mining::mine;
 use crate::progress::progress;
 use crate::weights::Weights;
 
+/// Hours of disturbances that are searched for hard examples.
+const MINED_HOURS: f64 = 0.5;
 /// Runs of a window, of which the median counts.
 const WINDOW_RUNS: usize = 5;
 
@@ -54,11 +57,22 @@ impl Run<'_> {
         if let (Making::Quantized, Some((_, weights))) = (row.making, needed) {
             return self.integers(row, seed, weights, started);
         }
-        let sampler = self.sampler(row, budget.frames)?;
-        let bar = self.bar(row, seed, budget.steps);
+        let (start, teacher) = match row.making {
+            Making::TrainedOn { .. } => (needed.map(|(_, weights)| weights), None),
+            _ => (None, needed),
+        };
+        let bar = self.bar(row, seed, 0);
+        let mined = match (row.making, start) {
+            (Making::TrainedOn { mined: true }, Some(start)) => mine(start, seed, MINED_HOURS, None, &bar)?,
+            _ => Vec::new(),
+        };
+        bar.set_position(0);
+        bar.set_length(budget.steps as u64);
+        let sampler = self.sampler(row, &mined, budget.frames)?;
         let training = Training { sampler: &sampler, budget, seed, device, bar: &bar };
-        let (weights, loss) =
-            training.ours(&row.variant, needed).with_context(|| format!("row {}, seed {seed}", row.name))?;
+        let (weights, loss) = training
+            .ours(&row.variant, start, teacher)
+            .with_context(|| format!("row {}, seed {seed}", row.name))?;
         bar.finish_and_clear();
         if row.is_needed() {
             weights.write(&kept_weights(out, row.name, seed))?;
@@ -96,6 +110,7 @@ impl Run<'_> {
         let bar = self.bar(row, seed, 0);
         bar.set_message("score");
         let splits = self.sets.score(splits, episodes, &bar, &outputs);
+        let detector = row.encoders.is_none().then(|| self.sets.detector(&bar, &outputs));
         bar.finish_and_clear();
         Finished {
             row: row.name.to_owned(),
@@ -109,6 +124,7 @@ impl Run<'_> {
             window_ms: window_ms(self.sets, outputs),
             wall_s: started.elapsed().as_secs_f64(),
             splits,
+            detector,
         }
     }
 
@@ -117,7 +133,7 @@ impl Run<'_> {
         let Self { out, budget, device, .. } = self;
         let started = Instant::now();
         let encoders = row.encoders.context("the row has encoders")?;
-        let sampler = self.sampler(row, budget.encoder_frames)?;
+        let sampler = self.sampler(row, &[], budget.encoder_frames)?;
         let bar = self.bar(row, seed, budget.encoder_steps);
         let training = Training { sampler: &sampler, budget, seed, device, bar: &bar };
         let mut pretrained = Pretrained::default();
@@ -150,10 +166,14 @@ impl Run<'_> {
         Ok(Finished { loss: Some(loss), ..self.finished(row, seed, started, parameters, outputs) })
     }
 
-    fn sampler(&self, row: &Row, frames: usize) -> Result<Sampler<'_>> {
-        let Variant { pads, xl_augmentation, .. } = row.variant;
-        let options = Options { pads, xl_augmentation, ..Options::default() };
-        Sampler::new(&self.sets.train, frames, options)
+    /// Of the training episodes that the row sees, and of mined stretches.
+    fn sampler<'s>(&'s self, row: &Row, mined: &'s [Features], frames: usize) -> Result<Sampler<'s>> {
+        let Variant { pads, xl_augmentation, families, event_loss, .. } = row.variant;
+        let extreme_weight = Options::default().extreme_weight.filter(|_| event_loss);
+        let seen =
+            self.sets.train.iter().enumerate().filter(|(place, _)| families || is_of_laboratory(*place));
+        let episodes = seen.map(|(_, episode)| episode).chain(mined);
+        Sampler::new(episodes, frames, Options { pads, xl_augmentation, extreme_weight })
     }
 
     fn bar(&self, row: &Row, seed: u64, steps: usize) -> ProgressBar {

@@ -4,12 +4,13 @@ use anyhow::Result;
 use indicatif::ProgressBar;
 use slipsense::params::OUTPUTS;
 use slipsense_recording::score::SLIP;
+use slipsense_synth::splits::FROZEN_SEED;
 use slipsense_synth::{Recipe, Split};
 
 use super::BASE;
 use super::results::{Budget, SplitFigures};
-use crate::data::{Features, recipes};
-use crate::evaluate::score_logits;
+use crate::data::{Features, disturbances, first, recipes};
+use crate::evaluate::{DetectorFigures, VALIDATION_ALARMS_PER_HOUR, detector_figures, score_logits};
 use crate::folder::Use;
 
 /// Splits that every row is scored on.
@@ -21,6 +22,9 @@ pub struct Sets {
     pub train: Vec<Features>,
     /// In the order of [`SPLITS`].
     pub splits: Vec<(Split, Vec<Features>)>,
+    /// Of validation objects, what the detector is judged on: in the laboratory's physics and in families, with slip and
+    /// without.
+    pub detector: Vec<Features>,
 }
 
 impl Sets {
@@ -34,7 +38,13 @@ impl Sets {
             Ok((split, Features::of_recipes(split.name(), &recipes)?))
         };
         let train = Features::of_recipes("train", &train)?;
-        Ok(Self { train, splits: SPLITS.into_iter().map(split).collect::<Result<_>>()? })
+        let splits = SPLITS.into_iter().map(split).collect::<Result<_>>()?;
+        let validation = [Split::Val, Split::ValAnywhere]
+            .into_iter()
+            .flat_map(|split| first(split, FROZEN_SEED, budget.detector_episodes))
+            .flat_map(|recipe| [disturbances(recipe.clone()), recipe]);
+        let detector = Features::of_recipes("detector", &validation.collect::<Vec<_>>())?;
+        Ok(Self { train, splits, detector })
     }
 
     /// What a network reaches on the first episodes of some splits by these outputs of an episode; `bar` moves once an
@@ -58,6 +68,21 @@ impl Sets {
             SplitFigures::new(*split, all.iter().take(episodes).map(one).collect())
         };
         chosen().map(figures).collect()
+    }
+
+    /// What the detector of a network with these outputs reaches on validation data; `bar` as in [`score`](Self::score).
+    pub fn detector(
+        &self,
+        bar: &ProgressBar,
+        outputs: impl Fn(&Features) -> Vec<[f32; OUTPUTS]>,
+    ) -> DetectorFigures {
+        bar.inc_length(self.detector.len() as u64);
+        let one = |features| {
+            bar.inc(1);
+            (features, outputs(features))
+        };
+        let all: Vec<_> = self.detector.iter().map(one).collect();
+        detector_figures(&all, VALIDATION_ALARMS_PER_HOUR)
     }
 
     /// A window that ends with the first frame of a slip.

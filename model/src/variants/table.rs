@@ -6,6 +6,7 @@ use super::orderings::{Comparisons, Cost, Verdict};
 use super::published;
 use super::results::{Budget, RowSplit, Spread};
 use crate::device::DeviceName;
+use crate::evaluate::VALIDATION_ALARMS_PER_HOUR;
 
 /// Width of the first column.
 const NAME: usize = 19;
@@ -62,12 +63,27 @@ impl fmt::Display for Comparisons {
                 writeln!(f)?;
             }
         }
-        writeln!(f, "\n{:NAME$}{:>12}{:>24}  {:10}what", "row", "parameters", "one window, ms", "by")?;
+        writeln!(
+            f,
+            "\n{:NAME$}{:>20}{:>12}{:>24}  {:10}what",
+            "row", "detector misses, %", "parameters", "one window, ms", "by"
+        )?;
         for row in &self.rows {
             let time = cell(row.window_ms, 1.0, 1, "–");
             let by = row.devices.iter().map(DeviceName::to_string).collect::<Vec<_>>().join(", ");
-            writeln!(f, "{:NAME$}{:>12}{time:>24}  {by:10}{}", row.row, row.parameters, row.about)?;
+            let missed = cell(row.detector_missed, 100.0, 0, "–");
+            writeln!(
+                f,
+                "{:NAME$}{missed:>20}{:>12}{time:>24}  {by:10}{}",
+                row.row, row.parameters, row.about
+            )?;
         }
+        writeln!(
+            f,
+            "detector: sustained sliding of {} episodes of each validation split at {VALIDATION_ALARMS_PER_HOUR} false alarms \
+             per hour, frame by frame",
+            self.budget.detector_episodes
+        )?;
         writeln!(
             f,
             "instructions of the rows that fit the microcontroller: cargo xtask bench --only layouts"

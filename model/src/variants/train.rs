@@ -32,10 +32,16 @@ pub struct Training<'a> {
 
 impl Training<'_> {
     /// Train one of our networks: the running average of its weights, and the mean loss of the last tenth of the steps,
-    /// nat. A teacher, with its trained weights, sees the batches as they are drawn.
-    pub fn ours(&self, variant: &Variant, teacher: Option<(Variant, &Weights)>) -> Result<(Weights, f64)> {
+    /// nat. It begins with the weights `start`, else with random ones. A teacher, with its trained weights, sees the
+    /// batches as they are drawn.
+    pub fn ours(
+        &self,
+        variant: &Variant,
+        start: Option<&Weights>,
+        teacher: Option<(Variant, &Weights)>,
+    ) -> Result<(Weights, f64)> {
         let teacher = Teacher::new(teacher, self.device);
-        let mut weights = variant.first_weights(self.seed);
+        let mut weights = start.cloned().unwrap_or_else(|| variant.first_weights(self.seed));
         let network = FloatNetwork::new(&weights, &self.device.clone().autodiff());
         let gradients = |network: &FloatNetwork, step: usize| {
             let mut batch = self.batch(self.budget.batch, step);

@@ -15,7 +15,7 @@ use slipsense_synth::splits::FROZEN_SEED;
 use slipsense_synth::{FAMILIES, Recipe, Split, Stage};
 
 use self::results::{FamilyAt, Finished, KNOWN, Results, family, lower};
-use crate::batch::Sampler;
+use crate::batch::{Options, Sampler};
 use crate::data::{Features, first};
 use crate::evaluate::score_logits;
 use crate::float::FloatNetwork;
@@ -179,12 +179,13 @@ impl Sets {
             .filter(|&index| is_kept(&self.recipes[index], without))
             .take(self.count)
             .collect();
-        let sampler = Sampler::of_some(&self.train, budget.frames, |index| kept.contains(&index))?;
+        let kept = kept.iter().map(|&index| &self.train[index]);
+        let sampler = Sampler::new(kept, budget.frames, Options::default())?;
         let name = without.map_or("all".to_owned(), |at| format!("without {}", family(at)));
         let bar = bars.add(progress(format!("{name} {seed}"), budget.steps as u64));
         let device = &Device::flex();
         let (weights, _) =
-            Training { sampler: &sampler, budget, seed, device, bar: &bar }.ours(&BASE, None)?;
+            Training { sampler: &sampler, budget, seed, device, bar: &bar }.ours(&BASE, None, None)?;
         bar.set_message("score");
         let network = FloatNetwork::new(&weights, device);
         let score = |features: &Features| {

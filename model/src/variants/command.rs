@@ -126,7 +126,7 @@ fn rows_help() -> String {
          At the small budget a row and seed with our encoders takes about a minute on one core, `wide`\n\
          and vision transformers several. The figures do not depend on --jobs. Commands with other --rows\n\
          or --seeds may run at once in the same DIR; one with all of them collects what they leave. Each holds the\n\
-         features of all episodes: 12 GB of memory with two jobs.\n\n\
+         features of all episodes: 7 GB of memory with two jobs, more with vision transformers.\n\n\
          Examples:\n  \
          slipsense reproduce --out out/paper\n  \
          slipsense reproduce --out out/fusion --rows base,late,concatenation --seeds 1\n  \

@@ -38,6 +38,7 @@ pub struct Budget {
     /// The same for rows with the paper's encoders, of the two UMI splits alone.
     pub encoder_test_episodes: usize,
     /// First episodes of each validation split that the detector is judged on, and as many of disturbances.
+    #[serde(default)]
     pub detector_episodes: usize,
 }
 

@@ -26,8 +26,8 @@ use crate::mining::mine;
 use crate::progress::progress;
 use crate::weights::Weights;
 
-/// Hours of disturbances that are searched for hard examples.
-const MINED_HOURS: f64 = 0.5;
+/// Disturbances that are searched for hard examples, seconds for each training episode.
+const SEARCHED_S: f64 = 7.5;
 /// Runs of a window, of which the median counts.
 const WINDOW_RUNS: usize = 5;
 
@@ -63,7 +63,10 @@ impl Run<'_> {
         };
         let bar = self.bar(row, seed, 0);
         let mined = match (row.making, start) {
-            (Making::TrainedOn { mined: true }, Some(start)) => mine(start, seed, MINED_HOURS, None, &bar)?,
+            (Making::TrainedOn { mined: true }, Some(start)) => {
+                let hours = SEARCHED_S * budget.episodes as f64 / 3600.0;
+                mine(start, seed, hours, None, &bar)?
+            }
             _ => Vec::new(),
         };
         bar.set_position(0);

@@ -175,12 +175,9 @@ impl Sets {
         budget: &Budget,
         bars: &MultiProgress,
     ) -> Result<Finished> {
-        let kept: Vec<usize> = (0..self.recipes.len())
-            .filter(|&index| is_kept(&self.recipes[index], without))
-            .take(self.count)
-            .collect();
-        let kept = kept.iter().map(|&index| &self.train[index]);
-        let sampler = Sampler::new(kept, budget.frames, Options::default())?;
+        let all = self.recipes.iter().zip(&self.train);
+        let kept = all.filter(|(recipe, _)| is_kept(recipe, without)).map(|(_, episode)| episode);
+        let sampler = Sampler::new(kept.take(self.count), budget.frames, Options::default())?;
         let name = without.map_or("all".to_owned(), |at| format!("without {}", family(at)));
         let bar = bars.add(progress(format!("{name} {seed}"), budget.steps as u64));
         let device = &Device::flex();

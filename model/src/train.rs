@@ -80,8 +80,8 @@ pub struct TrainArgs {
     /// Highest learning rate; it rises over the first steps and falls along a half cosine.
     #[arg(long, value_name = "LR", default_value_t = 3e-3)]
     pub learning_rate: f64,
-    /// Channels, filters and embeddings, times those of the shipped network; twice the size does not fit the
-    /// microcontroller, and can teach.
+    /// Channels, filters and embeddings, times those of the shipped network (not the filters of the third convolution);
+    /// twice the size does not fit the microcontroller, and can teach.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
     pub size: u8,
     /// Float weights to begin with, such as the shipped model's, instead of random ones; a lower

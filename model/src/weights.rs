@@ -14,16 +14,16 @@ use slipsense::net::format::{Dims, TensorSpec, layout};
 
 use crate::{output, tensors_file};
 
-/// Sizes of the shipped model: three convolution blocks of 4, 8 and 16 channels, embeddings of 32, a
+/// Sizes of the shipped model: three convolution blocks of 4, 8 and 32 channels, embeddings of 32, a
 /// memory of 60 frames (250 ms) in every attention.
 pub const FIRST_DIMS: Dims =
-    Dims { conv_channels: [4, 8, 16], embed: 32, xl_kernel: 5, xl_channels: 48, heads: 4, window: 60 };
+    Dims { conv_channels: [4, 8, 32], embed: 32, xl_kernel: 5, xl_channels: 48, heads: 4, window: 60 };
 
-/// [`FIRST_DIMS`] with `size` times the channels, filters and embeddings.
+/// [`FIRST_DIMS`] with `size` times the channels, filters and embeddings, but no more filters in the third convolution.
 pub const fn dims_of_size(size: usize) -> Dims {
     let [first, second, third] = FIRST_DIMS.conv_channels;
     Dims {
-        conv_channels: [size * first, size * second, size * third],
+        conv_channels: [size * first, size * second, third],
         embed: size * FIRST_DIMS.embed,
         xl_channels: size * FIRST_DIMS.xl_channels,
         ..FIRST_DIMS

@@ -45,7 +45,7 @@ fn every_activation_is_compared_at_its_own_scale() {
             "taxels" => sensors * 2 * 1024,
             "piezo.conv1" => sensors * 16 * 16 * 4,
             "piezo.conv2" => sensors * 8 * 8 * 8,
-            "piezo.conv3" => sensors * 4 * 4 * 16,
+            "piezo.conv3" => sensors * 4 * 4 * 32,
             "log_mel" => sensors * 5 * 32,
             "xl.conv" | "xl.mix1" => sensors * FIRST_DIMS.xl_channels as u64,
             "piezo" | "xl" => sensors * 32,

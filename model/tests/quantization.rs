@@ -1,7 +1,6 @@
 //! Integers against float, refusals, and files read back.
 
 use slipsense::fixed::Logit;
-use slipsense::net::format::Dims;
 use slipsense::net::{Model, Network, SensorFeatures};
 use slipsense::params::OUTPUTS;
 use slipsense_model::quantize::quantize;
@@ -117,8 +116,7 @@ fn a_file_says_what_the_quantizer_meant() {
 
 #[test]
 fn a_channel_of_large_weights_and_offset_gets_steps_with_which_it_cannot_overflow() {
-    let dims = Dims { conv_channels: [4, 8, 32], ..FIRST_DIMS };
-    let mut weights = Weights::init(dims, 1);
+    let mut weights = Weights::init(FIRST_DIMS, 1);
     let (_, ranges) = run_float(&weights, SENSORS, false);
     common::tensor_mut(&mut weights, "piezo.dense", "weight")[3 * 512..4 * 512].fill(1.0);
     common::tensor_mut(&mut weights, "piezo.dense", "bias")[3] = 1e4;

@@ -253,7 +253,12 @@ pub const ROWS: [Row; 32] = [
         )
     },
     row("no-change", "pad input", "counts only, no change channel", NO_CHANGE),
-    row(TEACHER_ROW, "size", "twice the channels, filters and embeddings", Variant { size: 2, ..BASE }),
+    row(
+        TEACHER_ROW,
+        "size",
+        "twice the channels, embeddings and filters of the first two convolutions",
+        Variant { size: 2, ..BASE },
+    ),
     Row {
         making: Making::TaughtBy(TEACHER_ROW),
         ..row("distilled", "size", "the base's network, taught by wide and the labels in equal parts", BASE)

@@ -87,8 +87,11 @@ pub const CLASSES: usize = 3;
 /// Outputs of the network: the logits of the classes, then the detector's log-odds of slip.
 pub const OUTPUTS: usize = CLASSES + 1;
 
-/// Upper bounds of what a model file may ask for. They fix the size of the network's state.
+/// Upper bounds of a model file and of what it may ask for. They fix the size of the network's state.
 pub mod limits {
+    /// Bytes of the longest file that the firmware takes: two of them, one that runs and one that is tried, and all else
+    /// fill 93 % of AXI SRAM.
+    pub const MODEL_BYTES: usize = 126 * 1024;
     /// Channels after each of the three convolution blocks.
     pub const CONV_CHANNELS: [usize; 3] = [8, 16, 32];
     /// Width of one modality's embedding.

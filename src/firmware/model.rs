@@ -4,21 +4,19 @@
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::net::Aligned;
+use crate::params::limits::MODEL_BYTES;
 use crate::pipeline::State;
 
 /// The network, as trained and quantized.
 static BUILT_IN: &[u8] =
     include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/slipsense.slipnet"));
-/// Bytes of the longest model that is run: two of them, one that runs and one that is tried, and all else fill nine tenths
-/// of AXI SRAM.
-pub const MODEL_BYTES_MAX: usize = 120 * 1024;
-const _: () = assert!(BUILT_IN.len() <= MODEL_BYTES_MAX);
+const _: () = assert!(BUILT_IN.len() <= MODEL_BYTES);
 
 /// Room for a model.
-pub type ModelBuffer = Aligned<[u8; MODEL_BYTES_MAX]>;
+pub type ModelBuffer = Aligned<[u8; MODEL_BYTES]>;
 /// The model that runs.
 #[unsafe(link_section = ".axisram")]
-static RUNNING: ConstStaticCell<ModelBuffer> = ConstStaticCell::new(Aligned([0; MODEL_BYTES_MAX]));
+static RUNNING: ConstStaticCell<ModelBuffer> = ConstStaticCell::new(Aligned([0; MODEL_BYTES]));
 
 /// All that the pipeline remembers, and the golden inference's own.
 #[unsafe(link_section = ".axisram")]

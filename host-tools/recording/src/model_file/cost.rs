@@ -10,8 +10,6 @@ use slipsense::params::TAXEL_ROWS;
 pub const MACS_MAX_ONE_SENSOR: usize = 750_000;
 /// The same with three sensors.
 pub const MACS_MAX_THREE_SENSORS: usize = 1_950_000;
-/// Most bytes of its file.
-pub const FILE_BYTES_MAX: usize = 160_000;
 
 /// One layer of the file, in file order: a dense layer or convolution, the scores of an attention block, or a
 /// norm.

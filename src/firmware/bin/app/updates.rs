@@ -4,9 +4,10 @@ use defmt::{Display2Format, info, unwrap};
 use embassy_futures::block_on;
 use heapless::Deque;
 use slipsense::firmware::flash::{FlashPartition, FlashPartitions};
-use slipsense::firmware::model::{self, MODEL_BYTES_MAX, ModelBuffer};
+use slipsense::firmware::model::{self, ModelBuffer};
 use slipsense::net::Aligned;
 use slipsense::node::UpdateTarget;
+use slipsense::params::limits::MODEL_BYTES;
 use slipsense::tasks::Reference;
 use slipsense::update::partitions::{NUCLEO_H743ZI2 as BOARD, TRAILER_BYTES};
 use slipsense::update::{
@@ -22,7 +23,7 @@ const NOTICES: usize = 5;
 
 /// Where a model that comes over the bus is tried, apart from the one that runs.
 #[unsafe(link_section = ".axisram")]
-static TRIAL: ConstStaticCell<ModelBuffer> = ConstStaticCell::new(Aligned([0; MODEL_BYTES_MAX]));
+static TRIAL: ConstStaticCell<ModelBuffer> = ConstStaticCell::new(Aligned([0; MODEL_BYTES]));
 
 pub struct Updates {
     pub version: ImageVersion,

@@ -8,11 +8,12 @@ use serde::Serialize;
 use slipsense::net::Model;
 use slipsense::net::format::Dims;
 use slipsense::params::MAX_SENSORS;
+use slipsense::params::limits::MODEL_BYTES;
 use slipsense::pipeline::{PIPELINE_BYTES_MAX, Pipeline};
 use slipsense::settings::model_numbers;
 use slipsense_recording::model_file::SCALES_KEY;
 use slipsense_recording::model_file::cost::{
-    FILE_BYTES_MAX, LayerCost, MACS_MAX_ONE_SENSOR, MACS_MAX_THREE_SENSORS, layers, macs_per_frame,
+    LayerCost, MACS_MAX_ONE_SENSOR, MACS_MAX_THREE_SENSORS, layers, macs_per_frame,
 };
 
 use crate::bundled;
@@ -123,7 +124,7 @@ impl Info {
                     MACS_MAX_THREE_SENSORS,
                     "",
                 ),
-                total("bytes of the file", file_bytes, FILE_BYTES_MAX, ""),
+                total("bytes of the file", file_bytes, MODEL_BYTES, ""),
                 total(
                     "bytes of RAM, 3 sensors",
                     size_of::<Pipeline<'static>>(),

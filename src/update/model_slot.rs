@@ -9,13 +9,16 @@ use embedded_storage_async::nor_flash::{NorFlash, ReadNorFlash};
 use super::Refusal;
 use super::image::{HEADER_BYTES, Header, ImageVersion};
 use super::key::Keys;
-use super::partitions::Partitions;
+use super::partitions::{NUCLEO_H743ZI2, Partitions};
 use super::slot::{self, PayloadHash, Writer, check_hash, header_bytes};
 use crate::net::Model;
 use crate::node::UpdateTarget;
+use crate::params::limits::MODEL_BYTES;
 
 /// Where the model lies in its slot.
 pub(super) const MODEL_AT: u32 = HEADER_BYTES as u32;
+const _: () =
+    assert!(MODEL_AT + MODEL_BYTES as u32 <= NUCLEO_H743ZI2.model.bytes(), "the longest does not fit");
 /// Bytes of a model that are hashed between two chances for other tasks.
 const HASH_AT_ONCE: usize = 4096;
 

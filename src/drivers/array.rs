@@ -173,7 +173,8 @@ impl<'c> Array<'c> {
         let uniform = all == any || all >= RAIL || any < GROUND;
         self.uniform_frames = if uniform { self.uniform_frames.saturating_add(1) } else { 0 };
         let touched = self.contact_sum(frame) >= CONTACT_SUM_MIN;
-        self.quiet_frames = if touched { 0 } else { self.quiet_frames.saturating_add(1) };
+        // An array that says nothing of its taxels is no untouched one: its offsets stay.
+        self.quiet_frames = if touched || uniform { 0 } else { self.quiet_frames.saturating_add(1) };
         let mut watched = [0; TAXEL_COLS];
         let row = codes.chunks_exact(arrays).skip(self.row * TAXEL_COLS).filter_map(|slot| slot.get(index));
         watched.iter_mut().zip(row).for_each(|(to, &code)| *to = code);
@@ -204,6 +205,7 @@ impl<'c> Array<'c> {
         let follow = self.calibration.is_measured() && self.quiet_frames >= QUIET_FRAMES;
         let mut active = 0;
         let cols = active_cols((row ^ self.mounting.flips().0) % TAXEL_ROWS);
+        let stuck = self.found.0.get(row).copied().unwrap_or(0);
         let Some(trims) = self.calibration.rows_mut().get_mut(row) else { return };
         let readings = codes.iter().zip(&self.held).zip(trims).enumerate();
         for (col, ((&code, &held), trim)) in readings.skip(cols.start).take(cols.len()) {
@@ -214,7 +216,7 @@ impl<'c> Array<'c> {
             } else if code >= RAIL && touched {
                 self.open |= bit;
             }
-            if follow {
+            if follow && stuck & bit == 0 {
                 trim.follow(code);
             }
         }

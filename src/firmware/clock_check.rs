@@ -87,6 +87,10 @@ const TOLERANCE_PERCENT: u32 = 4;
 #[inline(never)]
 pub fn check_hse(core: &mut cortex_m::Peripherals) -> Result<u32, u32> {
     let found_hz = (0..TRIES).map(|_| measure_hse(core)).find(|&hz| hz != 0).unwrap_or(0);
-    let off_hz = found_hz.abs_diff(HSE_HZ);
-    if off_hz <= HSE_HZ / 100 * TOLERANCE_PERCENT { Ok(found_hz) } else { Err(found_hz) }
+    if is_near(found_hz) { Ok(found_hz) } else { Err(found_hz) }
+}
+
+/// Is this frequency near enough for the PLLs to lock?
+pub fn is_near(hz: u32) -> bool {
+    hz.abs_diff(HSE_HZ) <= HSE_HZ / 100 * TOLERANCE_PERCENT
 }

@@ -175,13 +175,6 @@ impl<F: NorFlash, B: BorrowMut<Scratch>> SettingsStore<F, B> {
     }
 
     async fn blank_or_damaged(&mut self) -> Origin {
-        // An array may have been calibrated, or a model confirmed, before anything was set.
-        for key in KEY + 1..=FLOOR_KEY {
-            let item = self.map.fetch_item::<&[u8]>(self.scratch.borrow_mut(), &key).await;
-            if matches!(item, Ok(Some(_))) {
-                return Origin::Blank;
-            }
-        }
         let range = self.map.flash_range();
         for address in range.step_by(SCRATCH_BYTES) {
             let left = self.map.flash_range().end.saturating_sub(address) as usize;
@@ -212,8 +205,20 @@ impl<F: NorFlash, B: BorrowMut<Scratch>> SettingsStore<F, B> {
         if self.holds(key, &is_item).await {
             return Ok(());
         }
+        if key != KEY {
+            self.put_first_settings().await?;
+        }
         self.put(key, item).await?;
         if self.holds(key, is_item).await { Ok(()) } else { Err(StoreError::Verify) }
+    }
+
+    /// A flash that holds anything holds settings: where they are missing, they are damaged.
+    async fn put_first_settings(&mut self) -> Result<(), StoreError> {
+        let found = self.map.fetch_item::<&[u8]>(self.scratch.borrow_mut(), &KEY).await;
+        if matches!(found, Ok(None)) && self.blank_or_damaged().await == Origin::Blank {
+            self.put(KEY, &&Settings::new().encode()[..]).await?;
+        }
+        Ok(())
     }
 
     async fn holds(&mut self, key: u8, is_item: impl Fn(Option<&[u8]>) -> bool) -> bool {

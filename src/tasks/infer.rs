@@ -105,11 +105,13 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
     /// of each, the sensors take turns, so that none is always the one left out.
     fn offer_raw(&mut self, frame: &SensorFrame, output: &Output, config: &RuntimeConfig) {
         let stamp = frame.stamp;
-        if stamp.sequence.checked_rem(config.raw_every.into()) != Some(0) {
+        let every = u32::from(config.raw_every);
+        if stamp.sequence.checked_rem(every) != Some(0) {
             return;
         }
         let inputs = frame.parts.each_ref().map(SensorReadings::input);
-        let first = stamp.sequence.checked_rem(output.sensors as u32).unwrap_or(0) as usize;
+        let turns = stamp.sequence.checked_div(every).unwrap_or(0);
+        let first = turns.checked_rem(output.sensors as u32).unwrap_or(0) as usize;
         self.rate.frame(self.raw.len(), output.sensors);
         let mut room = RAW_MESSAGES.saturating_sub(self.raw.len());
         let mut planned = [(RawForm::Plain, false); MAX_SENSORS];

@@ -3,8 +3,8 @@
 //! What goes first is declared: the slip message, then every sensor's accelerometer, then the taxels of the contacts,
 //! then the rest. Nobody tells a node how much of the bus is free; the raw messages that still wait when the next ones
 //! are made do. While none waits, each frame gives one sensor more a step of detail, the sensors in turn. When they
-//! pile up there is none for a moment, and after that half as much at most; every second that goes well allows one
-//! step more. A step too many can fill the queue before it shows: the message that then finds no room is dropped
+//! pile up there is none for a moment, and after that half as much at most; every 240 frames that go well allow
+//! one step more. A step too many can fill the queue before it shows: the message that then finds no room is dropped
 //! whole, and counted.
 
 use crate::params::{FRAME_RATE_HZ, MAX_SENSORS};

@@ -108,8 +108,9 @@ pub trait ServiceBoard: FileSink + StatusLed {
 fn self_test(before: &Status, after: &Status) -> Result<(), &'static str> {
     let frames = after.decided_frames.wrapping_sub(before.decided_frames);
     let faults = [
-        (frames < SELF_TEST_FRAMES, "self test: frames are missing"),
+        // Without a model no frame is decided.
         (after.any_sensor(health::NO_MODEL), "self test: no readable model"),
+        (frames < SELF_TEST_FRAMES, "self test: frames are missing"),
         (after.any_sensor(health::PIEZO_MISSING), "self test: an array does not deliver"),
         (after.any_sensor(health::XL_MISSING), "self test: an accelerometer does not deliver"),
         (after.self_checks.failed != 0, "self test: code, model or network is not what it was at start"),
@@ -340,16 +341,21 @@ impl<M: RawMutex, R: CanReceive, C: Clock + Clone> NodeLoop<'_, M, R, C> {
 
     /// What the node says of itself, once it has an address.
     fn report(&mut self) {
-        if let Some(record) = self.crash.take() {
-            self.node.report(Severity::Critical, format_args!("restarted after {record}"));
+        if let Some(record) = &self.crash
+            && self.node.try_report(Severity::Critical, format_args!("restarted after {record}"))
+        {
+            self.crash = None;
         }
-        if core::mem::take(&mut self.start.cause) == ResetCause::BrownOut {
-            self.node.report(Severity::Critical, format_args!("restarted after a brown-out"));
+        if self.start.cause == ResetCause::BrownOut
+            && self.node.try_report(Severity::Critical, format_args!("restarted after a brown-out"))
+        {
+            self.start.cause = ResetCause::default();
         }
         let failed = self.node.status.self_checks.failed & !self.reported;
-        self.reported |= failed;
-        for (_, what) in SELF_CHECKS.iter().enumerate().filter(|(bit, _)| failed >> bit & 1 != 0) {
-            self.node.report(Severity::Alert, format_args!("self check failed: {what}"));
+        for (bit, what) in SELF_CHECKS.iter().enumerate().filter(|(bit, _)| failed >> bit & 1 != 0) {
+            if self.node.try_report(Severity::Alert, format_args!("self check failed: {what}")) {
+                self.reported |= 1 << bit;
+            }
         }
         if self.clock.now_us() >= self.calibrations_us && self.node.is_drained() {
             self.calibrations_us = self.clock.now_us().saturating_add(CALIBRATIONS_US);
@@ -364,8 +370,8 @@ impl<M: RawMutex, R: CanReceive, C: Clock + Clone> NodeLoop<'_, M, R, C> {
         let status = self.shared.status();
         Evidence {
             frames: status.decided_frames,
-            // One may wait, and one be in the hardware.
-            heartbeats: self.heartbeats.saturating_sub(2),
+            // One may wait, and one be in the hardware; what was taken back from there nobody got.
+            heartbeats: self.heartbeats.saturating_sub(status.lost_services.saturating_add(2)),
             requests: self.node.served_requests(),
             senses: !status.no_sensor_left() && status.self_checks.failed == 0,
         }

@@ -4,7 +4,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::calibration::{BLOCK_FRAMES, Calibration, Measurement};
 use slipsense::drivers::array::{Array, DEAD_FRAMES, Mounting, STUCK_FRAMES};
-use slipsense::params::{COUNT_MAX, TAXEL_ROWS, TAXELS};
+use slipsense::params::{COUNT_MAX, FRAME_RATE_HZ, TAXEL_ROWS, TAXELS};
 use slipsense::sensor::{PiezoFrame, is_active};
 use slipsense::transfer::{IDLE_CODE, adc_code};
 
@@ -82,6 +82,20 @@ fn an_array_that_says_nothing_is_dead_and_one_that_speaks_is_not() {
         let mut array = Array::new(Box::leak(nominal()));
         let mut railed = || (0..TAXELS).map(|_| rail + rng.random_range(0..16)).collect::<Vec<_>>();
         assert!((0..DEAD_FRAMES).any(|_| !array.read(&railed(), 0, 1, &mut frame)), "rail {rail}");
+    }
+}
+
+/// Offsets follow an untouched pad, and no array that is unplugged or has no supply.
+#[test]
+fn a_dead_array_keeps_its_calibration() {
+    for code in [0, IDLE_CODE, u16::MAX] {
+        let [mut array, mut other] =
+            [(); 2].map(|()| Array::new(Box::leak(calibrated(&mut ChaCha8Rng::seed_from_u64(7)))));
+        let [mut frame, mut expected] = [PiezoFrame::zeroed(), PiezoFrame::zeroed()];
+        (0..40 * FRAME_RATE_HZ).for_each(|_| _ = array.read(&vec![code; TAXELS], 0, 1, &mut frame));
+        let codes = touched(&mut ChaCha8Rng::seed_from_u64(8));
+        assert!(array.read(&codes, 0, 1, &mut frame) && other.read(&codes, 0, 1, &mut expected));
+        assert_eq!(frame.counts(), expected.counts(), "code {code}");
     }
 }
 

@@ -68,6 +68,15 @@ fn a_store_is_answered_when_it_is_done() {
     assert_eq!(ask(&mut node, COMMAND_PORT, 3, &command(STORE, b""), STORE_PAUSE_US), None);
     node.poll(STORE_PAUSE_US + COMMAND_TIMEOUT_US);
     assert!(said(&mut node).iter().any(|(_, transfer, bytes)| *transfer == 3 && bytes[0] == 1));
+    // What it says late answers no other command.
+    let later_us = STORE_PAUSE_US + COMMAND_TIMEOUT_US + 1;
+    let answer = ask(&mut node, COMMAND_PORT, 4, &command(SELF_TEST, b""), later_us).unwrap();
+    assert_eq!(reply(&answer).1, "another command is not done yet");
+    node.command_done(Ok(()));
+    assert!(said(&mut node).is_empty());
+    assert_eq!(ask(&mut node, COMMAND_PORT, 5, &command(SELF_TEST, b""), later_us), None);
+    node.command_done(Ok(()));
+    assert_eq!((said(&mut node)[0].1, node.take_action()), (5, Some(Action::SelfTest)));
 }
 
 #[test]
@@ -185,20 +194,23 @@ fn records_are_cut_at_a_character_and_give_way() {
     for _ in 0..40 {
         node.report(Severity::Info, format_args!("short"));
     }
+    assert!(!node.try_report(Severity::Info, format_args!("again later")));
     assert_eq!(records(&mut node).len(), 17);
-    assert_eq!(node.counters().dropped_transfers, 0);
+    assert_eq!(node.counters().dropped_transfers, 23);
+    assert!(node.try_report(Severity::Info, format_args!("again later")));
+    assert_eq!(records(&mut node), ["again later"]);
     // Answers are dropped whole and counted when nobody takes frames.
     for transfer in 0..40 {
         hear(&mut node, request(GET_INFO_PORT, transfer % 32, &[]), u64::from(transfer) * 3_000_000);
     }
     // The heartbeat has a place of its own.
     node.poll(200_000_000);
-    assert_eq!((said(&mut node).len(), node.counters().dropped_transfers), (33, 8));
+    assert_eq!((said(&mut node).len(), node.counters().dropped_transfers), (33, 23 + 8));
     // What waited while there was no bus.
     node.poll(300_000_000);
     hear(&mut node, request(GET_INFO_PORT, 5, &[]), 300_000_000);
     node.discard_frames();
-    assert_eq!((node.is_drained(), node.counters().dropped_transfers), (true, 10));
+    assert_eq!((node.is_drained(), node.counters().dropped_transfers), (true, 23 + 10));
 }
 
 #[test]

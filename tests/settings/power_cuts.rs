@@ -132,6 +132,16 @@ fn damage_is_reported_and_mended() {
     );
     assert!(lost > 400);
 
+    // A calibration beside them does not hide it.
+    let mut store = store_of(Cells::<{ 16 * 1024 }>::new(2, 1));
+    block_on(store.store(&configuration(5))).unwrap();
+    block_on(store.store_calibration(1, &calibration(2))).unwrap();
+    let mut flash = store.into_flash();
+    flash.bytes[100] ^= 0x10;
+    let mut store = store_of(flash);
+    assert!(block_on(store.load()).1.is_damaged());
+    assert_eq!(loaded(&mut store, 1), calibration(2));
+
     // Nothing but zeros.
     let mut store = store_of(Cells { bytes: vec![0; good.bytes.len()], ..good });
     let (found, report) = block_on(store.load());
@@ -233,7 +243,8 @@ fn a_power_cut_leaves_the_old_or_the_new_calibration_and_all_the_rest() {
 fn a_calibration_before_any_setting_is_no_damage_and_can_be_forgotten() {
     let mut store = store_of(Cells::<{ 16 * 1024 }>::new(2, 1));
     block_on(store.store_calibration(1, &calibration(2))).unwrap();
-    assert_eq!(block_on(store.load()).1.origin, Origin::Blank);
+    assert_eq!(block_on(store.load()).0, Settings::new());
+    assert_eq!(block_on(store.load()).1.origin, Origin::Stored);
     assert_eq!((loaded(&mut store, 0), loaded(&mut store, 1)), (calibration(0), calibration(2)));
     block_on(store.store_calibration(1, &calibration(0))).unwrap();
     assert_eq!(loaded(&mut store, 1), calibration(0));

@@ -396,6 +396,12 @@ fn a_self_test_says_what_is_missing() {
     let ran = Run { meanwhile: &half, ..Run::new(&requests[..1], 700) }.run();
     assert_eq!(ran.answers(COMMAND_PORT)[0].2[0], 1);
     assert!(ran.records().iter().any(|record| record == "self test: frames are missing"));
+    // Without a model none is decided.
+    let without_model = |_: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
+        shared.update_status(|status| status.sensor_health[0] = SensorHealth(health::NO_MODEL));
+    };
+    let ran = Run { meanwhile: &without_model, ..Run::new(&requests[..1], 700) }.run();
+    assert!(ran.records().iter().any(|record| record == "self test: no readable model"));
 }
 
 #[test]

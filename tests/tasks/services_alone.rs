@@ -63,7 +63,12 @@ fn a_new_firmware_that_decides_receives_or_senses_nothing_or_is_not_received_doe
         frames(ms, shared, bus);
         bus.off.set(ms < 30_000);
     };
+    let withdrawn = |ms: u64, shared: &Shared<NoopRawMutex>, bus: &Bus| {
+        frames(ms, shared, bus);
+        shared.update_status(|status| status.lost_services = (ms / 1_000) as u32);
+    };
     for (run, why) in [
+        (Run { run, meanwhile: &withdrawn, ..Run::new(&asked(), 14_000) }, "each one taken back"),
         (Run { run, ..Run::new(&asked(), 14_000) }, "no frames"),
         (Run { run, meanwhile: &frames, ..Run::new(&[], 14_000) }, "it has received nothing"),
         (Run { run, meanwhile: &blind, ..Run::new(&asked(), 14_000) }, "no sensor delivers"),

@@ -97,6 +97,12 @@ fn a_bus_too_small_drops_whole_messages_of_all_sensors_in_turn() {
     assert!(ran.status.dropped_raw > 600 && shares.iter().all(|&n| (150..250).contains(&n)), "{shares:?}");
     let in_order = ran.raw.is_sorted_by_key(|message| (message.sequence, message.sensor));
     assert!(in_order, "the sensors' order within a frame stays");
+    // Of every third frame, beside others.
+    let set = |shared: &Shared<_>, _| shared.set_config(RuntimeConfig { raw_every: 3, ..shared.config() });
+    let disturbance = Disturbance { foreign_load_percent: 80, ..Disturbance::default() };
+    let ran = World { before_tick: &set, disturbance, ..World::new(1_440, 3) }.run();
+    let shares = ran.shares();
+    assert!(ran.status.dropped_raw > 600 && shares.iter().all(|&n| (60..130).contains(&n)), "{shares:?}");
 }
 
 #[test]

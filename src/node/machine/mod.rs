@@ -47,6 +47,8 @@ struct Pending {
     id: ServiceId,
     transfer: u8,
     deadline_us: u64,
+    /// It was answered that the board did not finish in time: what the board says later answers no other command.
+    is_overdue: bool,
 }
 
 /// Transfer identifiers of what the node sends by itself.
@@ -249,9 +251,11 @@ impl Node {
             self.heartbeat = Some(CanFrame::single(message, transfer, &payload));
         }
         let mut next_us = self.heartbeat_us;
-        if let Some(pending) = self.pending {
+        if let Some(pending) = self.pending.filter(|pending| !pending.is_overdue) {
             if now_us >= pending.deadline_us {
-                self.answer_pending(CommandStatus::Failure, "the board did not finish in time");
+                let why = "the board did not finish in time";
+                self.answer(pending.id, pending.transfer, CommandStatus::Failure, why);
+                self.pending = Some(Pending { is_overdue: true, ..pending });
             } else {
                 next_us = next_us.min(pending.deadline_us);
             }
@@ -301,7 +305,8 @@ impl Node {
         if self.is_own(id) {
             // A controller does not receive what it sends: somebody else has this address.
             self.counters.address_conflicts = self.counters.address_conflicts.saturating_add(1);
-            if self.counters.address_conflicts == 1 {
+            // Again and again, ever more rarely: a report may find no room.
+            if self.counters.address_conflicts.is_power_of_two() {
                 self.report(Severity::Critical, format_args!("another node has this address"));
             }
             return;
@@ -368,15 +373,23 @@ impl Node {
         }
     }
 
-    /// Say something to whoever watches the bus. Dropped while the queue is more than half full: answers
+    /// Say something to whoever watches the bus. Dropped and counted while the queue is more than half full: answers
     /// come first.
     pub fn report(&mut self, severity: Severity, text: fmt::Arguments<'_>) {
-        let Some(node) = self.id.filter(|_| self.outbox.is_half_free()) else { return };
+        if !self.try_report(severity, text) && self.id.is_some() {
+            self.outbox.dropped = self.outbox.dropped.saturating_add(1);
+        }
+    }
+
+    /// The same for what is tried again: not counted. `false`: there was no room, or the node has no address.
+    pub fn try_report(&mut self, severity: Severity, text: fmt::Arguments<'_>) -> bool {
+        let Some(node) = self.id.filter(|_| self.outbox.is_half_free()) else { return false };
         let mut out = [0; RECORD_BYTES];
         let time = self.bus_time_us(self.now_us).unwrap_or(0);
         let length = diagnostic::encode(time, severity, text, &mut out);
         let message = MessageId { priority: Priority::Optional, port: RECORD_PORT, node };
         let transfer = next_transfer(&mut self.transfers.record);
         self.outbox.push(Frames::new(message, transfer, out.get(..length).unwrap_or(&[])));
+        true
     }
 }

@@ -131,19 +131,19 @@ impl Node {
         let _ = self.actions.push_back(action);
         if later {
             let deadline_us = self.now_us.saturating_add(COMMAND_TIMEOUT_US);
-            self.pending = Some(Pending { id, transfer, deadline_us });
+            self.pending = Some(Pending { id, transfer, deadline_us, is_overdue: false });
         }
         Ok(later)
     }
 
-    fn answer(&mut self, id: ServiceId, transfer: u8, status: CommandStatus, output: &str) {
+    pub(super) fn answer(&mut self, id: ServiceId, transfer: u8, status: CommandStatus, output: &str) {
         let mut out = [0; command::RESPONSE_BYTES];
         let length = command::encode(status, output, &mut out);
         self.respond(id, transfer, out.get(..length));
     }
 
     pub(super) fn answer_pending(&mut self, status: CommandStatus, output: &str) {
-        if let Some(pending) = self.pending.take() {
+        if let Some(pending) = self.pending.take().filter(|pending| !pending.is_overdue) {
             self.answer(pending.id, pending.transfer, status, output);
         }
     }

@@ -84,10 +84,11 @@ fn tell(verdicts: &mut Verdicts, check: &'static str, sensor: Option<usize>, fin
 fn main() -> ! {
     let mut core = unwrap!(cortex_m::Peripherals::take());
     memory::init(&mut core);
-    let clock = judge_clock(clock_check::measure_hse(&mut core), clocks::HSE_HZ);
+    let hse_hz = clock_check::measure_hse(&mut core);
+    let clock = judge_clock(hse_hz, clocks::HSE_HZ);
     let mut verdicts = Verdicts::new();
-    if clock == Finding::HseAbsent {
-        // On the HSI, for the log's time and the LED.
+    if !clock_check::is_near(hse_hz) {
+        // On the HSI, for the log's time and the LED: without the right clock the PLLs do not lock.
         let mut config = embassy_stm32::Config::default();
         config.rcc.ls = LsConfig::off();
         let chip = embassy_stm32::init(config);

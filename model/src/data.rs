@@ -17,7 +17,7 @@ use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
 use slipsense_synth::{Recipe, ScenarioChoice, Split, generate_set, vary_two_of_three};
 
 use crate::float::Sequences;
-use crate::folder::{LabelledFolder, ObjectUses, Use};
+use crate::folder::{Chosen, LabelledFolder, ObjectUses, Use};
 use crate::pad_view::PadView;
 use crate::piezo::IMAGE;
 use crate::progress::progress;
@@ -47,7 +47,7 @@ impl Source {
     }
 
     /// Hand every episode for a use to `each`, on all cores; results in a fixed order. `count` is how
-    /// many to generate, or the most to take from a folder.
+    /// many to generate, or the most to take from a folder; what is left out there is said.
     pub fn map<T: Send>(
         &self,
         what: Use,
@@ -67,8 +67,10 @@ impl Source {
                 results.into_iter().collect()
             }
             Self::Folder(folder) => {
-                let mut files = folder.files(what)?;
-                files.truncate(count);
+                let Chosen { files, left_out, .. } = folder.choose(what, count)?;
+                if let Some(left_out) = left_out {
+                    bar.suspend(|| eprintln!("{left_out}"));
+                }
                 bar.set_length(files.len() as u64);
                 let one = |path: &PathBuf| {
                     let result = each(Episode::read(path)?).with_context(|| path.display().to_string());

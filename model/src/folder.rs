@@ -24,6 +24,16 @@ pub enum Use {
     Test,
 }
 
+impl Use {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Train => "training",
+            Self::Validation => "validation",
+            Self::Test => "test",
+        }
+    }
+}
+
 /// What an object may be used for. The catalogue says it for its objects; others, from someone's own
 /// recordings, go by a hash of their name: one in four to test, one in eight to validation.
 pub fn use_of(object: &str) -> Use {
@@ -80,38 +90,45 @@ struct Entry {
     object: String,
 }
 
+/// What is read of a folder for a use.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Chosen {
+    /// By name; at least one.
+    pub files: Vec<PathBuf>,
+    /// Their objects.
+    pub objects: BTreeSet<String>,
+    /// Where the folder has more files for this use: how many are read of how many.
+    pub left_out: Option<String>,
+}
+
 impl LabelledFolder {
-    /// The folder's episodes for a use, by name; at least one.
-    pub fn files(&self, what: Use) -> Result<Vec<PathBuf>> {
-        let entries = self.entries()?;
-        let of = |entry: &&Entry| self.uses.use_of(&entry.object) == what;
-        let files: Vec<PathBuf> = entries.iter().filter(of).map(|entry| entry.path.clone()).collect();
-        if files.is_empty() {
-            let (need, fix) = match what {
-                Use::Train => {
-                    ("training", "record other objects too, or name fewer with --validation and --test")
-                }
-                Use::Validation => {
-                    ("validation", "name one with --validation OBJECT, which training will then not see")
-                }
-                Use::Test => ("test", "name one with --test OBJECT"),
+    /// At most `most` of the folder's episodes for a use, evenly spaced by name: the first ones may all be of one object.
+    pub fn choose(&self, what: Use, most: usize) -> Result<Chosen> {
+        let (path, name) = (self.path.display(), what.name());
+        let all = self.entries()?;
+        let of: Vec<&Entry> = all.iter().filter(|entry| self.uses.use_of(&entry.object) == what).collect();
+        if of.is_empty() {
+            let fix = match what {
+                Use::Train => "record other objects too, or name fewer with --validation and --test",
+                Use::Validation => "name one with --validation OBJECT, which training will then not see",
+                Use::Test => "name one with --test OBJECT",
             };
-            bail!("{}: no object is for {need} ({}); {fix}", self.path.display(), self.words(&entries));
+            bail!("{path}: no object is for {name} ({}); {fix}", self.words(&all));
         }
-        Ok(files)
+        let count = most.min(of.len());
+        let chosen: Vec<&Entry> = (0..count).map(|index| of[index * of.len() / count]).collect();
+        Ok(Chosen {
+            files: chosen.iter().map(|entry| entry.path.clone()).collect(),
+            objects: chosen.iter().map(|entry| entry.object.clone()).collect(),
+            left_out: (count < of.len()).then(|| format!("{path}: {count} of {} {name} episodes", of.len())),
+        })
     }
 
     /// Objects by use, in words. An error if none is for training or none for validation.
     pub fn describe(&self) -> Result<String> {
-        self.files(Use::Train)?;
-        self.files(Use::Validation)?;
+        self.choose(Use::Train, 1)?;
+        self.choose(Use::Validation, 1)?;
         Ok(self.words(&self.entries()?))
-    }
-
-    pub fn objects(&self, what: Use) -> Result<Vec<String>> {
-        let names = self.entries()?.into_iter().map(|entry| entry.object);
-        let names: BTreeSet<String> = names.filter(|name| self.uses.use_of(name) == what).collect();
-        Ok(names.into_iter().collect())
     }
 
     fn words(&self, entries: &[Entry]) -> String {
@@ -166,4 +183,50 @@ fn read_entry(path: &Path) -> Result<Entry> {
     };
     let sensors = npz.array::<u16>("piezo")?.shape().get(1).copied().unwrap_or_default();
     Ok(Entry { path: path.to_owned(), sensors, object: object.to_owned() })
+}
+
+#[cfg(test)]
+mod tests {
+    use slipsense::sensor::PiezoFrame;
+    use slipsense_recording::Episode;
+
+    use super::*;
+
+    #[test]
+    fn of_too_many_files_those_read_are_of_all_objects() {
+        let folder = tempfile::tempdir().unwrap();
+        let objects = ["mug", "rod", "tape"];
+        for index in 0..12 {
+            let mut meta = Meta::nominal(0.000_488);
+            meta.other.insert("object".to_owned(), objects[index / 4].into());
+            let episode = Episode {
+                sensors: 1,
+                piezo: vec![PiezoFrame::zeroed()],
+                xl: vec![vec![[0; 3]; 34]],
+                xl_end: vec![33],
+                label: Some(vec![0]),
+                meta,
+                ..Episode::default()
+            };
+            episode.write(folder.path().join(format!("{index:02}.npz"))).unwrap();
+        }
+        let uses = ObjectUses { validation: objects.map(str::to_owned).into(), test: Vec::new() };
+        let data = LabelledFolder { path: folder.path().to_owned(), uses };
+        let read = |most| {
+            let chosen = data.choose(Use::Validation, most).unwrap();
+            let name = |path: &PathBuf| path.file_stem().unwrap().to_str().unwrap().to_owned();
+            let files: Vec<String> = chosen.files.iter().map(name).collect();
+            (files.join(" "), Vec::from_iter(chosen.objects).join(" "), chosen.left_out)
+        };
+        let of = |files: &str, objects: &str, left_out: Option<usize>| {
+            let path = folder.path().display();
+            let said = left_out.map(|count| format!("{path}: {count} of 12 validation episodes"));
+            (files.to_owned(), objects.to_owned(), said)
+        };
+        assert_eq!(read(2), of("00 06", "mug rod", Some(2)));
+        assert_eq!(read(3), of("00 04 08", "mug rod tape", Some(3)));
+        assert_eq!(read(5), of("00 02 04 07 09", "mug rod tape", Some(5)));
+        let all = of("00 01 02 03 04 05 06 07 08 09 10 11", "mug rod tape", None);
+        assert_eq!([read(12), read(99)], [all.clone(), all]);
+    }
 }

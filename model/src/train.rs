@@ -181,7 +181,12 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
         loaded
     };
     let mut train = load("train", Use::Train, args.episodes)?;
-    let validation = load("validation", Use::Validation, args.episodes.div_ceil(12).max(2))?;
+    let validation_episodes = args.episodes.div_ceil(12).max(2);
+    let validation = load("validation", Use::Validation, validation_episodes)?;
+    let validation_objects = match &source {
+        Source::Folder(folder) => folder.choose(Use::Validation, validation_episodes)?.objects,
+        Source::Generated { .. } => objects::of_group(Group::Val).map(|o| o.name.clone()).collect(),
+    };
     let total: usize = train.iter().map(Features::frames).sum();
     if args.mine_hours > 0.0 {
         let bar = progress("mine", 0);
@@ -230,10 +235,6 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
         write_curves(&args.out, &state.rows)?;
         print!("{}", if epoch == 0 { csv(&state.rows) } else { last_line(&csv(&state.rows)) });
     }
-    let validation_objects = match &source {
-        Source::Folder(folder) => folder.objects(Use::Validation)?,
-        Source::Generated { .. } => objects::of_group(Group::Val).map(|o| o.name.clone()).collect(),
-    };
     let made_from = json!({
         "train_episodes": train.len() - mined,
         "mined_stretches": mined,

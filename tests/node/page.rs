@@ -55,6 +55,9 @@ update, until it is unlocked. `slipsense.status.locked` shows it. To unlock unti
 
 A challenge counts for one attempt of one start. After a refused signature none is checked for one second. To leave the
 lock, unlock, write 0, and store.
+
+A node whose stored settings are damaged starts with the defaults, unlocked. The heartbeat's vendor status (bit 6) and a
+record say so.
 ";
 
 #[test]

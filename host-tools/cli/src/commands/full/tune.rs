@@ -19,8 +19,9 @@ use crate::output::{check_file, write_file};
 /// generated minutes of disturbances and between the slips of the validation splits; an alarm while most of
 /// the contact slides is not false. Of these points that one is chosen that finds most of the sustained sliding
 /// within 50 ms, then the one that misses least. All episodes are of validation objects, in the laboratory's
-/// physics and in others: neither training nor any test has them. The weights stay as they are; the same model
-/// gives the same point.
+/// physics and in others. Training has none of these objects; of the tests, `noslip` and `transfer_noslip` have
+/// them in a third of their episodes, with other seeds. The weights stay as they are; the same model gives the
+/// same point.
 #[derive(clap::Args)]
 #[command(after_help = "\
 The figures are of the data that the point was chosen on. What it is worth, tests say:

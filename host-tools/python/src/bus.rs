@@ -209,9 +209,10 @@ impl Log {
     #[new]
     #[pyo3(signature = (path, node=NodeId::DEFAULT.get()))]
     fn new(path: PathBuf, node: u8) -> PyResult<Self> {
-        let file = File::open(&path)?;
+        let name = path.display().to_string();
+        let file = File::open(&path).map_err(|error| refused(format!("{name}: cannot read: {error}")))?;
         let lines = CandumpReader::new(Box::new(BufReader::new(file)) as Box<dyn BufRead + Send + Sync>);
-        Ok(Self { lines, name: path.display().to_string(), receiver: Receiver::at(node)? })
+        Ok(Self { lines, name, receiver: Receiver::at(node)? })
     }
 
     #[getter]

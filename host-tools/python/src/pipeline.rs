@@ -63,6 +63,9 @@ enum Part<'py> {
     Continuous((Scan<'py>, Samples<'py>)),
 }
 
+const PART: &str = "must be (piezo, xl) or (piezo, xl, xl_end): piezo uint16 [32, 32] or None, xl int16 [n, 3] or None, \
+                    xl_end 0 to 2^32 - 1";
+
 #[pymethods]
 impl Pipeline {
     #[new]
@@ -71,14 +74,16 @@ impl Pipeline {
         Ok(Self { running: Running::new(sensors, model)?, sensors, xl_end: [0; MAX_SENSORS] })
     }
 
-    fn step(&mut self, py: Python<'_>, parts: Vec<Part<'_>>) -> PyResult<Output> {
+    fn step(&mut self, py: Python<'_>, parts: Vec<Bound<'_, PyAny>>) -> PyResult<Output> {
         if parts.len() != self.sensors {
             return Err(refused(format!("{} sensors given, the pipeline has {}", parts.len(), self.sensors)));
         }
         let mut read = Vec::with_capacity(MAX_SENSORS);
         for (sensor, part) in parts.iter().enumerate() {
             let named = |error: String| refused(format!("sensor {sensor}: {error}"));
-            let (piezo, xl, end) = match part {
+            // What Python says of it names no sensor, in many lines.
+            let part = part.extract().map_err(|_| named(PART.to_owned()))?;
+            let (piezo, xl, end) = match &part {
                 Part::Counted((piezo, xl, end)) => (piezo, xl, Some(*end)),
                 Part::Continuous((piezo, xl)) => (piezo, xl, None),
             };

@@ -83,8 +83,8 @@ pub trait Wire: Read + Write + Send {}
 impl<T: Read + Write + Send> Wire for T {}
 
 pub enum Source {
-    /// Lines of a candump log as they come.
-    Lines(CandumpReader<Box<dyn BufRead + Send>>),
+    /// Lines of a candump log as they come, and what it is called.
+    Lines(CandumpReader<Box<dyn BufRead + Send>>, String),
     File(Box<log_file::Reader>),
     Slcan(SlcanSource),
     SocketCan(socket_can::Socket),
@@ -100,13 +100,13 @@ pub struct SlcanSource {
 /// Open a source. `data_mbit` is the bit rate of the data phase that an slcan adapter is set to.
 pub fn open(place: &Place, data_mbit: u8) -> Result<Source> {
     Ok(match place {
-        Place::Standard => Source::Lines(CandumpReader::new(Box::new(BufReader::new(std::io::stdin())))),
+        Place::Standard => lines(std::io::stdin(), "standard input".to_owned()),
         Place::File(path, Format::Candump) => {
             let file = File::open(path).with_context(|| format!("{}: cannot read", path.display()))?;
             if path.is_dir() {
                 bail!("{}: is a folder, must be a recording", path.display());
             }
-            Source::Lines(CandumpReader::new(Box::new(BufReader::new(file))))
+            lines(file, path.display().to_string())
         }
         Place::File(path, format) => Source::File(Box::new(log_file::open(path, *format)?)),
         Place::Serial(_) | Place::Tcp(_) => {
@@ -115,6 +115,10 @@ pub fn open(place: &Place, data_mbit: u8) -> Result<Source> {
         }
         Place::SocketCan(interface) => Source::SocketCan(socket_can::Socket::open(interface)?),
     })
+}
+
+fn lines(input: impl Read + Send + 'static, name: String) -> Source {
+    Source::Lines(CandumpReader::new(Box::new(BufReader::new(input))), name)
 }
 
 fn slcan_wire(place: &Place, data_mbit: u8) -> Result<Box<dyn Wire>> {
@@ -146,11 +150,11 @@ impl Source {
     /// Wait a moment for the next frame.
     pub fn receive(&mut self) -> Result<Input> {
         match self {
-            Self::Lines(lines) => Ok(match lines.next() {
+            Self::Lines(lines, name) => Ok(match lines.next() {
                 None => Input::End,
                 Some(Ok(entry)) => Input::Frame(entry),
                 Some(Err(error)) if matches!(error.rule, Rule::NotOurs) => Input::Other(Foreign::Classic),
-                Some(Err(error)) => return Err(error.into()),
+                Some(Err(error)) => return Err(error).with_context(|| name.clone()),
             }),
             Self::File(records) => loop {
                 match records.next().transpose()? {
@@ -161,6 +165,14 @@ impl Source {
             },
             Self::Slcan(adapter) => adapter.receive(),
             Self::SocketCan(socket) => socket.receive(),
+        }
+    }
+
+    /// What a recording has and no frame says, as [`log_file::Reader::notes`]; complete at the end.
+    pub fn notes(&self) -> Vec<String> {
+        match self {
+            Self::File(records) => records.notes(),
+            _ => Vec::new(),
         }
     }
 
@@ -175,7 +187,7 @@ impl Source {
 
     pub fn send(&mut self, frame: &CanFrame) -> Result<()> {
         match self {
-            Self::Lines(_) | Self::File(_) => bail!("a recording takes no frames: need a bus"),
+            Self::Lines(..) | Self::File(_) => bail!("a recording takes no frames: need a bus"),
             Self::Slcan(adapter) => Ok(adapter.wire.write_all(slcan::command(frame).as_bytes())?),
             Self::SocketCan(socket) => socket.send(frame),
         }
@@ -226,13 +238,13 @@ pub enum Sink {
     SocketCan(socket_can::Socket),
 }
 
-/// Open a sink; `interface` is what a log calls it.
-pub fn open_sink(place: &Place, interface: &str, data_mbit: u8) -> Result<Sink> {
+/// Open a sink that takes frames at once: not for a log that has to be whole, see [`log_file::write`].
+pub fn open_sink(place: &Place, data_mbit: u8) -> Result<Sink> {
     Ok(match place {
-        Place::Standard => log_sink(std::io::stdout(), interface)?,
+        Place::Standard => log_sink(std::io::stdout())?,
         Place::File(path, Format::Candump) => {
             let file = File::create(path).with_context(|| format!("{}: cannot write", path.display()))?;
-            log_sink(file, interface)?
+            log_sink(file)?
         }
         Place::File(path, _) => {
             bail!("{}: `slipsense convert` writes this format, replay writes candump logs", path.display())
@@ -242,17 +254,17 @@ pub fn open_sink(place: &Place, interface: &str, data_mbit: u8) -> Result<Sink> 
     })
 }
 
-fn log_sink(out: impl Write + 'static, interface: &str) -> Result<Sink> {
+fn log_sink(out: impl Write + 'static) -> Result<Sink> {
     let out: Box<dyn Write> = Box::new(out);
-    Ok(Sink::Log(CandumpWriter::new(out, interface)?))
+    Ok(Sink::Log(CandumpWriter::new(out, "can0")?))
 }
 
 impl Sink {
-    pub fn send(&mut self, timestamp_us: u64, frame: &CanFrame) -> Result<()> {
+    pub fn send(&mut self, entry: &LogEntry) -> Result<()> {
         match self {
-            Self::Log(log) => log.write(timestamp_us, frame)?,
-            Self::Slcan(wire) => wire.write_all(slcan::command(frame).as_bytes())?,
-            Self::SocketCan(socket) => socket.send(frame)?,
+            Self::Log(log) => log.write_entry(entry)?,
+            Self::Slcan(wire) => wire.write_all(slcan::command(&entry.frame).as_bytes())?,
+            Self::SocketCan(socket) => socket.send(&entry.frame)?,
         }
         Ok(())
     }

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use crate::candump::LogEntry;
 use crate::{Episode, Meta};
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, bail};
 use serde_json::Value;
 use slipsense::health;
 use slipsense::wire::{NodeId, RawMessage, Received};
@@ -28,12 +28,18 @@ pub struct Rebuilt {
 #[derive(Default)]
 pub struct Rebuilder {
     decoder: Decoder,
-    /// By node and number of the frame.
-    nodes: BTreeMap<u8, BTreeMap<u32, Messages>>,
+    nodes: BTreeMap<u8, BTreeMap<Number, Messages>>,
     /// By which calibration each sensor's array was read, as a node said again and again: version and name, or `none`; one
     /// after the other where it changed.
     calibrations: BTreeMap<(u8, usize), Vec<String>>,
 }
+
+/// A start of the module, as the numbers of its frames show, and the number of the frame.
+type Number = (u32, u32);
+
+/// A bus may bring a frame later than those that follow it, though not by more than this; a number further back is that of
+/// a module that has started again.
+const LATE_FRAMES: u32 = 8;
 
 /// Raw messages of one frame and when the first came, microseconds.
 struct Messages {
@@ -51,7 +57,10 @@ impl Rebuilder {
         if let Some(Decoded { node, message: Received::Raw(message) }) = decoded {
             let frames = self.nodes.entry(node.get()).or_default();
             let new = || Messages { timestamp_us: entry.timestamp_us, parts: Vec::new() };
-            frames.entry(message.sequence).or_insert_with(new).parts.push(message);
+            let (start, newest) = frames.last_key_value().map_or((0, 0), |(&number, _)| number);
+            let restarted = newest.saturating_sub(message.sequence) > LATE_FRAMES;
+            let number = (start + u32::from(restarted), message.sequence);
+            frames.entry(number).or_insert_with(new).parts.push(message);
         }
         if let Some((node, sensor, calibration)) = calibration(&entry.frame) {
             let said = self.calibrations.entry((node.get(), sensor)).or_default();
@@ -74,7 +83,10 @@ impl Rebuilder {
         let count = messages().count();
         let sensors = 1 + messages().map(|m| usize::from(m.sensor)).max().unwrap_or(0);
         let best = longest(&frames, sensors);
-        ensure!(!best.is_empty(), "no frame of which all {sensors} sensors' raw messages came");
+        let begin = frames.iter().nth(best.start).filter(|_| !best.is_empty());
+        let Some((&(_, first), &Messages { timestamp_us: start_us, .. })) = begin else {
+            bail!("no frame of which all {sensors} sensors' raw messages came");
+        };
 
         let mut notes = Vec::new();
         let kept = best.len() * sensors;
@@ -84,7 +96,7 @@ impl Rebuilder {
                 count - kept
             ));
         }
-        let kept = frames.range(best.clone()).flat_map(|(_, frame)| &frame.parts);
+        let kept = frames.values().skip(best.start).take(best.len()).flat_map(|frame| &frame.parts);
         let missing = kept.filter(|m| m.health & (health::PIEZO_MISSING | health::XL_MISSING) != 0).count();
         if missing > 0 {
             notes.push(format!(
@@ -95,31 +107,30 @@ impl Rebuilder {
             "decisions (class, logits, slip) are left out: `slipsense run` makes them again".to_owned(),
         );
 
-        let start_us = frames[&best.start].timestamp_us;
-        let kept = frames.into_iter().filter(|(sequence, _)| best.contains(sequence));
-        let mut episode = assemble(kept.map(|(_, frame)| frame.parts), sensors, xl_lsb_g)?;
+        let kept = frames.into_values().skip(best.start).take(best.len());
+        let mut episode = assemble(kept.map(|frame| frame.parts), sensors, xl_lsb_g)?;
         let said = self.calibrations.into_iter().filter(|((from, _), _)| *from == node);
         let said = said.map(|((_, sensor), names)| (sensor.to_string(), Value::from(names.join(", then "))));
         let said: serde_json::Map<_, _> = said.collect();
         if !said.is_empty() {
             episode.meta.other.insert("calibration".to_owned(), said.into());
         }
-        Ok(Rebuilt { episode, first: best.start, start_us, notes })
+        Ok(Rebuilt { episode, first, start_us, notes })
     }
 }
 
-/// Numbers of the longest stretch of frames that follow each other with all sensors.
-fn longest(frames: &BTreeMap<u32, Messages>, sensors: usize) -> Range<u32> {
+/// The longest stretch of frames that follow each other with all sensors, counted from the first frame that came.
+fn longest(frames: &BTreeMap<Number, Messages>, sensors: usize) -> Range<usize> {
     let (mut best, mut run) = (0..0, 0..0);
     let mut before: Option<&[RawMessage]> = None;
-    for (&sequence, Messages { parts, .. }) in frames {
+    for (index, Messages { parts, .. }) in frames.values().enumerate() {
         let whole = parts.len() == sensors && (0..sensors).all(|s| usize::from(parts[s].sensor) == s);
         if !before.is_some_and(|before| whole && continues(before, parts)) {
-            run = sequence..sequence;
+            run = index..index;
         }
         before = whole.then_some(parts);
         if whole {
-            run.end = sequence.saturating_add(1);
+            run.end = index + 1;
         }
         if run.len() > best.len() {
             best = run.clone();

@@ -31,6 +31,8 @@ pub struct Written {
     pub messages: BTreeMap<String, u64>,
     /// What was on the bus, by node.
     pub nodes: BTreeMap<u8, Count>,
+    /// What the recording has and no message says, in words.
+    pub notes: Vec<String>,
 }
 
 /// Write a bag of a recording into the new folder `out`, with all topics in `namespace`. What fails leaves nothing behind.
@@ -44,13 +46,15 @@ pub fn write(out: &Path, recording: &Path, format: Format, namespace: &str) -> R
     let partial = made.with_context(|| format!("{}: cannot write", parent.display()))?;
     let file = File::create(partial.path().join(BAG_FILE))?;
     let (mut bag, mut topics) = (Bag::new(BufWriter::new(file))?, Topics::new(namespace));
-    for record in log_file::open(recording, format)? {
+    let mut reader = log_file::open(recording, format)?;
+    for record in reader.by_ref() {
         if let Record::Frame(entry) = record? {
             topics.entry(&entry, &mut bag)?;
         }
     }
-    let (written, metadata) =
+    let (mut written, metadata) =
         bag.finish(topics.decoder.counts()).with_context(|| recording.display().to_string())?;
+    written.notes = reader.notes();
     std::fs::write(partial.path().join("metadata.yaml"), metadata)?;
     let kept = partial.keep();
     std::fs::rename(&kept, out).with_context(|| format!("{}: cannot write", out.display()))?;
@@ -114,7 +118,7 @@ impl<W: Write + Seek> Bag<W> {
             }],
         }});
         let messages = self.topics.into_iter().map(|(name, topic)| (name, topic.messages)).collect();
-        let written = Written { messages, nodes };
+        let written = Written { messages, nodes, notes: Vec::new() };
         Ok((written, serde_json::to_string_pretty(&metadata)? + "\n"))
     }
 }

@@ -145,6 +145,7 @@ impl NodeArgs {
             return Ok(());
         }
         println!("{} messages published", published.messages);
+        published.notes.iter().for_each(|note| println!("  {note}"));
         for (node, count) in published.nodes {
             println!(
                 "  node {node}: {} slip messages, {} lost; {} raw messages, {} lost; {} errors",
@@ -177,6 +178,7 @@ impl BagArgs {
             return Ok(());
         }
         println!("{}:", self.out.display());
+        written.notes.iter().for_each(|note| println!("  {note}"));
         for (topic, messages) in written.messages {
             println!("  {messages:6} {topic}");
         }

@@ -29,6 +29,8 @@ pub struct Published {
     pub messages: u64,
     /// What was on the bus, by node.
     pub nodes: BTreeMap<u8, Count>,
+    /// What a recording has and no message says, in words.
+    pub notes: Vec<String>,
 }
 
 /// Publish what the source says until it ends or `stop` is set.
@@ -50,5 +52,5 @@ pub fn run(mut source: Source, options: &Options, stop: &AtomicBool) -> Result<P
             services.serve(&mut source, &mut topics, &mut ros)?;
         }
     }
-    Ok(Published { messages: ros.messages, nodes: topics.decoder.counts() })
+    Ok(Published { messages: ros.messages, nodes: topics.decoder.counts(), notes: source.notes() })
 }

@@ -5,6 +5,8 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use slipsense::{health, wire};
+use slipsense_recording::candump::LogEntry;
+use slipsense_recording::log_file::{self, Format, Record};
 
 /// A frame of a message that is none of the module's.
 const NOTHING_OF_OURS: &str = "(0000000000.000000) can0 1BFFFFFF##100\n";
@@ -36,6 +38,23 @@ fn a_bag_is_a_new_folder_and_has_messages() {
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
     std::fs::create_dir(dir.path().join("bag")).unwrap();
     assert_refused(&slipsense_ros2(&["bag", "bus.log", "bag"], dir.path()), &["bag: is there already"]);
+}
+
+#[test]
+fn a_recording_that_was_cut_short_is_said() {
+    let dir = tempfile::tempdir().unwrap();
+    let frame = wire::Transmitter::new(wire::NodeId::DEFAULT).slip(&wire::SlipMessage::default());
+    let entry = LogEntry { timestamp_us: 1_000_000, interface: "can0".to_owned(), frame };
+    let path = dir.path().join("bus.mcap");
+    log_file::write(&path, Format::Mcap, |sink| sink.put(&Record::Frame(entry))).unwrap();
+    let whole = std::fs::read(&path).unwrap();
+    std::fs::write(&path, &whole[..whole.len() - 20]).unwrap();
+    for (out, more) in [("bag", None), ("again", Some("--json"))] {
+        let line: Vec<_> = ["bag", "bus.mcap", out].into_iter().chain(more).collect();
+        let output = slipsense_ros2(&line, dir.path());
+        let said = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success() && said.contains("the file was cut short"), "{said}");
+    }
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! What a user can get wrong: exit code 2, one line that names the thing, nothing left behind.
 
 use std::fs;
+use std::io::{BufRead, BufReader};
 use std::net::TcpListener;
 use std::path::Path;
 
@@ -181,6 +182,13 @@ fn a_page_of_nothing_is_not_served() {
     place.errors([
         ("view @none.log", "none.log: cannot read the log"),
         ("view - --model @m.slipnet", "--model: a log holds the module's own decisions"),
+        ("view @x.mcap", "@x.mcap: an MCAP recording; `slipsense convert` makes a log"),
     ]);
     place.errors([(format!("view --port {port}"), format!("port {port}: cannot listen on it"))]);
+    let log = place.file("bad.log", "bad\n");
+    let (mut page, mut said) = (place.start("view @bad.log --port 0"), String::new());
+    BufReader::new(page.stderr.take().unwrap()).read_line(&mut said).unwrap();
+    page.kill().unwrap();
+    page.wait().unwrap();
+    assert!(said.starts_with(&format!("error: {}: line 1: ", log.display())), "{said}");
 }

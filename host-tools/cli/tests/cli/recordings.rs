@@ -7,7 +7,7 @@ use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::support::Place;
+use crate::support::{Place, slipsense};
 use serde_json::Value;
 use slipsense::sensor::{PiezoFrame, SensorInput};
 use slipsense::wire::{NodeId, RawBuffer, RawFrame, SlipMessage, Transmitter};
@@ -158,6 +158,51 @@ fn replay_keeps_times_and_takes_its_time() {
     assert_eq!(place.run("replay @a.log - --speed max").as_bytes(), source);
 }
 
+/// Longer than what replay reads ahead.
+#[test]
+fn a_replayed_log_is_whole_or_not_there() {
+    let place = Place::new();
+    let mut lines =
+        "(0000000001.000000) can0 1BFFFFFF##100\n(0000000001.000000) can1 1BFFFFFF##100\n".repeat(51_000);
+    place.file("a.log", &lines);
+    place.run("replay @a.log @out.log --speed max");
+    place.run("replay @a.log @a.log --speed max");
+    for name in ["a.log", "out.log"] {
+        assert!(
+            fs::read(place.path(name)).unwrap() == lines.as_bytes(),
+            "{name}: every frame, by its interface"
+        );
+    }
+    lines += "bad\n";
+    place.file("bad.log", lines);
+    place.errors([
+        ("replay @bad.log @new.log --speed max", "@bad.log: line 102001: "),
+        ("replay @bad.log @bad.log --speed max", "@bad.log: line 102001: "),
+        ("replay @a.log @new.log --speed 1e-300", "must be 0.001 or more, or max"),
+        ("replay @a.log @new.log --speed nan", "must be 0.001 or more, or max"),
+    ]);
+}
+
+#[test]
+fn a_recording_that_was_cut_short_is_said() {
+    let place = Place::new();
+    place.file("a.log", log(300, &[]));
+    place.run("convert @a.log @a.mcap");
+    let whole = fs::read(place.path("a.mcap")).unwrap();
+    place.file("cut.mcap", &whole[..whole.len() - 20]);
+    let cut = "the file was cut short";
+    assert!(place.run("record @cut.mcap @b.log").contains(cut));
+    assert!(place.json("record @cut.mcap @c.log")["notes"][0].as_str().unwrap().contains(cut));
+    assert!(place.run("replay @cut.mcap @d.log --speed max").contains(cut));
+    assert_eq!(place.json("record @a.mcap @e.log")["notes"], Value::Array(Vec::new()));
+    for line in
+        ["monitor @cut.mcap --plain", "replay @cut.mcap - --speed max", "calibrate @cut.mcap --newton 14"]
+    {
+        let said = String::from_utf8(slipsense(place.words(line)).stderr).unwrap();
+        assert!(said.starts_with(&format!("note: {cut}")), "{line}: {said}");
+    }
+}
+
 /// At which the crate mcap panics: its length and that of what comes before it are more than 2^64.
 fn mcap_with_a_record_of_impossible_length() -> Vec<u8> {
     let record = |opcode: u8, data: &[u8]| [&[opcode][..], &(data.len() as u64).to_le_bytes(), data].concat();
@@ -190,6 +235,8 @@ fn what_cannot_be_recorded_converted_or_replayed() {
         ("record socketcan:none0 @out.mcap", "socketcan:none0: "),
         ("record slcan:/dev/none @out.mcap", "/dev/none: cannot open"),
         ("record @bad.log @y.log @out.mcap", "stopped after 0 frames"),
+        ("record @bad.log @out.mcap", "@bad.log: line 1: identifier"),
+        ("monitor @bad.log --plain", "@bad.log: line 1: identifier"),
         ("replay @x.txt -", "must end in"),
         ("monitor a.log", "--plain"),
         ("dbc --node-id 128", "--node-id"),

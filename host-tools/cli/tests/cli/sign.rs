@@ -147,6 +147,8 @@ fn a_challenge_is_signed_and_unlocks() {
     let challenge = [5; 32];
     let hex = "05".repeat(32);
     let text = place.run(&format!("sign --challenge {hex} --development-key"));
+    let json = place.json(&format!("sign --challenge {hex} --development-key"));
+    assert_eq!(json["signature"], text.trim());
     let signature: Vec<u8> =
         (0..64).map(|at| u8::from_str_radix(&text.trim()[2 * at..2 * at + 2], 16).unwrap()).collect();
     let signature = signature.try_into().unwrap();

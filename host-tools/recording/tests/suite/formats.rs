@@ -101,6 +101,36 @@ fn of_a_recording_with_gaps_the_longest_stretch_is_rebuilt_and_the_rest_named() 
     assert!(rebuilt.notes[0].contains("32 of 76 raw messages are left out"), "{:?}", rebuilt.notes);
 }
 
+/// Numbers begin anew with a start of the module.
+#[test]
+fn a_stretch_is_of_one_start_of_the_module() {
+    let later = |mut entries: Vec<LogEntry>| {
+        entries.iter_mut().for_each(|entry| entry.timestamp_us += 1_000_000);
+        entries
+    };
+    let whole = recording(|_| false).entries;
+    let start_us = rebuilt(&whole).unwrap().start_us;
+    for (first, count) in [(recording(|n| n > 29).entries, 60), (recording(|n| n == 20).entries, 78)] {
+        let rebuilt = rebuilt(&[first, later(whole.clone())].concat()).unwrap();
+        assert_eq!((rebuilt.first, rebuilt.episode.frames()), (0, FRAMES as usize));
+        assert_eq!(rebuilt.start_us, start_us + 1_000_000);
+        let said = format!("{count} of {} raw messages are left out", count + 80);
+        assert!(rebuilt.notes[0].contains(&said), "{:?}", rebuilt.notes);
+    }
+    let twice = rebuilt(&[whole.clone(), later(whole.clone())].concat()).unwrap();
+    assert_eq!((twice.start_us, twice.episode.frames()), (start_us, FRAMES as usize));
+    assert!(twice.notes[0].contains("80 of 160 raw messages are left out"), "{:?}", twice.notes);
+}
+
+#[test]
+fn frames_that_came_in_another_order_are_rebuilt() {
+    let mut entries = recording(|_| false).entries;
+    let a_frame = entries.len() / FRAMES as usize;
+    entries[9 * a_frame..14 * a_frame].rotate_left(a_frame);
+    let rebuilt = rebuilt(&entries).unwrap();
+    assert_eq!((rebuilt.first, rebuilt.episode.frames()), (0, FRAMES as usize));
+}
+
 #[test]
 fn an_episode_names_the_calibrations_it_was_read_by() {
     let mut entries = recording(|_| false).entries;

@@ -140,7 +140,10 @@ impl Args {
                         heard = Instant::now();
                     }
                 }
-                Input::End => break,
+                Input::End => {
+                    source.notes().iter().for_each(|note| eprintln!("note: {note}"));
+                    break;
+                }
                 Input::Other(_) | Input::Idle => {}
             }
             if heard.elapsed() > ANSWER {

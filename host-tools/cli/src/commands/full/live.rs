@@ -31,7 +31,7 @@ pub(super) enum Event {
 }
 
 /// What a source delivered beside frames of fingertips.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub(super) struct PassedOver {
     pub classic_frames: u32,
     /// CAN FD with an identifier of 11 bits.
@@ -41,6 +41,9 @@ pub(super) struct PassedOver {
     pub unreadable_lines: u32,
     /// Frames that the kernel dropped because this program was too slow.
     pub kernel_drops: u32,
+    /// What a recording says at its end, such as that it was cut short.
+    #[serde(skip)]
+    pub notes: Vec<String>,
 }
 
 type Counters = Mutex<PassedOver>;
@@ -97,7 +100,7 @@ impl Live {
 
     /// What was passed over or lost so far.
     pub fn passed_over(&self) -> PassedOver {
-        *locked(&self.counters)
+        locked(&self.counters).clone()
     }
 
     /// Take no more than what has come by now.
@@ -135,7 +138,10 @@ fn read(mut source: Source, send: &SyncSender<Result<LogEntry>>, counters: &Coun
             }
             Ok(Input::Idle) if stopped.is_some() => return,
             Ok(Input::Idle) => Ok(()),
-            Ok(Input::End) => return,
+            Ok(Input::End) => {
+                locked(counters).notes = source.notes();
+                return;
+            }
             Err(error) => {
                 // Nobody there to take it: then it does not matter.
                 let _ = send.send(Err(error));

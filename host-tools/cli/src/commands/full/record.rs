@@ -21,8 +21,8 @@ const FLUSH: Duration = Duration::from_millis(400);
 ///
 /// Everything is written to the disk twice a second: a recorder that is killed leaves files that can be read, without
 /// the last second. Ended by Ctrl-C or SIGTERM it writes what has come, and the MCAP file has its index. Times are the
-/// kernel's (SocketCAN), this computer's at the adapter (slcan), or the log's. With --split the files are grasp-0001,
-/// grasp-0002 and so on.
+/// kernel's (SocketCAN), this computer's at the adapter (slcan), or the log's. With --split-minutes or --split-mb the
+/// files are grasp-0001, grasp-0002 and so on.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Sources:
@@ -126,7 +126,7 @@ impl Args {
         let passed_over = live.passed_over();
         let result = json!({
             "out": out, "frames": frames, "other_frames": decoder.others, "passed_over": passed_over, "nodes": counts,
-            "clock_back": clock_back,
+            "clock_back": clock_back, "notes": passed_over.notes,
         });
         self.print.show(&result, || {
             let mut text = format!("{frames} frames: {}\n", out.join(", "));
@@ -137,8 +137,8 @@ impl Args {
                      {errors} errors, {restarts} restarts"
                 );
             }
-            let PassedOver { classic_frames, standard_id_frames, error_frames, unreadable_lines, kernel_drops } =
-                passed_over;
+            let PassedOver { classic_frames, standard_id_frames, error_frames, unreadable_lines, kernel_drops, notes } =
+                &passed_over;
             let _ = writeln!(
                 text,
                 "  passed over: {classic_frames} classic, {standard_id_frames} with 11-bit identifiers, {error_frames} \
@@ -147,6 +147,7 @@ impl Args {
             if clock_back > 0 {
                 let _ = writeln!(text, "  the clock of the timestamps went back {clock_back} times");
             }
+            notes.iter().for_each(|note| text += &format!("  {note}\n"));
             text
         })?;
         failure.map_or(Ok(()), Err)

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
 use serde_json::json;
+use slipsense_recording::candump::LogEntry;
 use slipsense_recording::link::{Place, open_sink};
 use slipsense_recording::log_file::{self, Format, Record};
 
@@ -42,12 +43,13 @@ pub struct Args {
 /// Frames that are read before the first is sent, and kept ahead from then on: five seconds of three sensors, so that a
 /// slow disk delays none, and what is shorter is checked as a whole beforehand.
 const READ_AHEAD: usize = 100_000;
+/// At which the times of every recording are within the range of a `Duration`.
+const SLOWEST: f64 = 0.001;
 
 fn speed(text: &str) -> Result<f64, String> {
-    match text {
-        "max" => Ok(f64::INFINITY),
-        _ => text.parse().ok().filter(|&s: &f64| s > 0.0).ok_or_else(|| "must be above 0, or max".to_owned()),
-    }
+    let factor = if text == "max" { Ok(f64::INFINITY) } else { text.parse() };
+    let factor = factor.ok().filter(|&factor| factor >= SLOWEST);
+    factor.ok_or_else(|| format!("must be {SLOWEST} or more, or max"))
 }
 
 impl Args {
@@ -67,29 +69,48 @@ impl Args {
         });
         let mut ahead = entries.by_ref().take(READ_AHEAD).collect::<Result<VecDeque<_>>>()?;
         let first = ahead.front().with_context(|| format!("{}: no CAN frame in it", self.input.display()))?;
-        let mut sink = open_sink(&self.to, &first.interface, self.data.data_mbit)?;
-        let began = Instant::now();
         let (mut late, mut frames, first_us) = (Duration::ZERO, 0, first.timestamp_us);
-        while let Some(entry) = ahead.pop_front() {
-            let after_us = entry.timestamp_us.saturating_sub(first_us);
-            let due = Duration::from_secs_f64(after_us as f64 / 1e6 / self.speed);
-            match due.checked_sub(began.elapsed()) {
-                Some(wait) if !wait.is_zero() => thread::sleep(wait),
-                _ => late = late.max(began.elapsed().saturating_sub(due)),
+        let mut began = Instant::now();
+        let mut play = |send: &mut dyn FnMut(LogEntry) -> Result<()>| -> Result<()> {
+            began = Instant::now();
+            while let Some(entry) = ahead.pop_front() {
+                let after_us = entry.timestamp_us.saturating_sub(first_us);
+                let due = Duration::from_secs_f64(after_us as f64 / 1e6 / self.speed);
+                match due.checked_sub(began.elapsed()) {
+                    Some(wait) if !wait.is_zero() => thread::sleep(wait),
+                    _ => late = late.max(began.elapsed().saturating_sub(due)),
+                }
+                send(entry)?;
+                frames += 1;
+                ahead.extend(entries.next().transpose()?);
             }
-            sink.send(entry.timestamp_us, &entry.frame)?;
-            frames += 1;
-            ahead.extend(entries.next().transpose()?);
+            Ok(())
+        };
+        match &self.to {
+            // Whole or not at all, and not before all of IN is read, which may be the same file. A pipe or a device is
+            // no file that could be replaced.
+            Place::File(path, Format::Candump) if path.is_file() || !path.exists() => {
+                log_file::write(path, Format::Candump, |sink| {
+                    play(&mut |entry| sink.put(&Record::Frame(entry)))
+                })?;
+            }
+            to => {
+                let mut sink = open_sink(to, self.data.data_mbit)?;
+                play(&mut |entry| sink.send(&entry))?;
+                sink.finish()?;
+            }
         }
-        sink.finish()?;
         let took_s = began.elapsed().as_secs_f64();
         let late_ms = if self.speed.is_finite() { late.as_secs_f64() * 1e3 } else { 0.0 };
+        let notes = recording.notes();
         if self.to == Place::Standard {
+            notes.iter().for_each(|note| eprintln!("note: {note}"));
             return Ok(());
         }
-        let notes = recording.notes();
         let result = json!({"frames": frames, "took_s": took_s, "latest_ms": late_ms, "notes": notes});
-        self.print
-            .show(&result, || format!("{frames} frames in {took_s:.3} s, the latest {late_ms:.1} ms late\n"))
+        self.print.show(&result, || {
+            let notes: String = notes.iter().map(|note| format!("  {note}\n")).collect();
+            format!("{frames} frames in {took_s:.3} s, the latest {late_ms:.1} ms late\n{notes}")
+        })
     }
 }

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use ed25519_dalek::{Signer, SigningKey};
+use serde_json::json;
 use slipsense::node::{CHALLENGE_BYTES, UNLOCK_PREFIX};
 use slipsense::update::{DEVELOPMENT_SEED, ImageVersion};
 use slipsense_recording::from_hex;
@@ -61,9 +62,8 @@ impl Args {
         };
         let (Some(file), Some(version), Some(out)) = (&self.file, self.version, &self.out) else {
             let challenge = self.challenge.unwrap_or_default();
-            let signature = key.sign(&[&UNLOCK_PREFIX[..], &challenge].concat()).to_bytes();
-            println!("{}", hex(&signature));
-            return Ok(());
+            let signature = hex(&key.sign(&[&UNLOCK_PREFIX[..], &challenge].concat()).to_bytes());
+            return self.print.show(&json!({"signature": signature}), || format!("{signature}\n"));
         };
         let name = file.display().to_string();
         let bytes = std::fs::read(file).with_context(|| format!("{name}: cannot read"))?;

@@ -11,6 +11,7 @@ use anyhow::{Context, Result, ensure};
 use slipsense::params::FRAME_RATE_HZ;
 use slipsense::wire::NodeId;
 use slipsense_recording::EpisodeReader;
+use slipsense_recording::log_file::Format;
 use slipsense_view::frames::{Frames, Session};
 use slipsense_view::source;
 
@@ -122,6 +123,11 @@ impl Args {
                     self.model.iter().all(|model| model == Path::new(bundled::NAME)),
                     "--model: a log holds the module's own decisions; a model is for episodes"
                 );
+                ensure!(
+                    Format::from_path(path) != Some(Format::Mcap),
+                    "{}: an MCAP recording; `slipsense convert` makes a log (.log) of it, which can be shown",
+                    path.display()
+                );
                 sources.push(self.log(path)?);
             }
         }
@@ -154,8 +160,10 @@ impl Args {
                 File::open(path).with_context(|| format!("{}: cannot read the log", path.display()))?;
             (Box::new(BufReader::with_capacity(1 << 16, file)), file_name(path))
         };
-        let node = self.node;
-        Ok((Session::of_log(name, is_live), Box::new(move |to| to.fill(source::log(log, node)))))
+        let (node, called) = (self.node, if is_live { name.clone() } else { path.display().to_string() });
+        let named = move |error| format!("{called}: {error}");
+        let run = move |to: &Shared| to.fill(source::log(log, node).map(|record| record.map_err(&named)));
+        Ok((Session::of_log(name, is_live), Box::new(run)))
     }
 }
 

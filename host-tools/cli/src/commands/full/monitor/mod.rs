@@ -51,7 +51,10 @@ impl Args {
             "standard output is not a terminal: --plain prints a line every second"
         );
         let live = Live::start(&self.source, self.data.data_mbit)?;
-        if self.plain { self.lines(&live) } else { self.screen(&live) }
+        let watched = if self.plain { self.lines(&live) } else { self.screen(&live) };
+        // Standard output has lines of JSON.
+        live.passed_over().notes.iter().for_each(|note| eprintln!("note: {note}"));
+        watched
     }
 
     fn lines(&self, live: &Live) -> Result<()> {

@@ -26,6 +26,8 @@ const REST: XlSample = [0, 0, 7_500];
 pub const SLOW_TAU_NS: f64 = 600.0;
 /// HSE of an RC oscillator that is off.
 pub const OFF_HZ: u64 = 8_080_000;
+/// A crystal for another board: the PLLs do not lock.
+pub const WRONG_HZ: u64 = 16_000_000;
 
 /// A fault of wires or parts, at sensor 0 where there is one for each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -34,6 +36,8 @@ pub enum DeskFault {
     HseAbsent,
     /// The clock on PH0 is 1 % fast.
     HseOff,
+    /// The clock on PH0 is twice as fast.
+    HseWrong,
     /// RX does not follow TX.
     NoTransceiver,
     /// Column address A3 is at ground.

@@ -246,6 +246,7 @@ impl Twin {
         let hse_hz = match () {
             () if bench::has(fitted.desk, DeskFault::HseAbsent) => 0,
             () if bench::has(fitted.desk, DeskFault::HseOff) => bench::OFF_HZ,
+            () if bench::has(fitted.desk, DeskFault::HseWrong) => bench::WRONG_HZ,
             () => fitted.hse_hz,
         };
         mcu.part.rcc.attach_crystals(hse_hz, 0);

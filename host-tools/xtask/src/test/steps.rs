@@ -121,7 +121,7 @@ pub const STEPS: &[Step] = &[
     ),
     TWIN.step(
         "twin-bringup",
-        "the bring-up program on the emulated STM32H743 names each of 21 faults of wires and parts",
+        "the bring-up program on the emulated STM32H743 names each of 22 faults of wires and parts",
         |_| twin::bringup_step(),
     ),
     TWIN.step(

@@ -125,9 +125,10 @@ pub fn step() -> Result<()> {
 
 /// Faults of wires and parts on the desk, as the twin calls them, how many checks of two sensors must fail of each, and
 /// what the first has to say.
-const DESK_FAULTS: [(&str, usize, &str); 21] = [
+const DESK_FAULTS: [(&str, usize, &str); 22] = [
     ("hse-absent", 1, "clock: no clock on PH0"),
     ("hse-off", 1, "clock: PH0 has 8080000 Hz"),
+    ("hse-wrong", 1, "clock: PH0 has 16000000 Hz"),
     ("no-transceiver", 1, "CAN transceiver: RX (PD0) does not follow TX (PD1)"),
     ("line-at-ground", 1, "address pins: column A3 (PE5) is held at ground"),
     ("lines-shorted", 1, "address pins: column A1 (PE3) and column A2 (PE4) are shorted"),

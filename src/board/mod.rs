@@ -169,8 +169,6 @@ pub trait Observe {
     fn step_begins(&mut self, _stamp: FrameStamp) {}
     /// The pipeline has made this of it.
     fn step_ends(&mut self, _stamp: FrameStamp, _output: &Output) {}
-    /// The slip message waits for the bus, ahead of everything else.
-    fn slip_queued(&mut self, _stamp: FrameStamp) {}
     /// The raw messages wait for the bus, or have been given up.
     fn frame_done(&mut self, _stamp: FrameStamp) {}
 }

@@ -65,7 +65,6 @@ impl<'m, M: RawMutex, C: Clock, O: Observe, S: BorrowMut<State>> Inference<'m, M
         let output = self.pipeline.step_readings(&mut frame.parts);
         self.observer.step_ends(stamp, &output);
         self.decided(frame, &output, &config);
-        self.observer.slip_queued(stamp);
         if config.node.is_some() {
             self.offer_raw(frame, &output, &config);
         }

@@ -6,9 +6,8 @@
 mod bytes;
 pub mod equality;
 #[cfg(target_os = "none")]
-#[expect(unsafe_code, reason = "registers, interrupts and semihosting calls of the emulated board")]
+#[expect(unsafe_code, reason = "a register and semihosting calls of the emulated board")]
 pub mod emulated;
-pub mod events;
 pub mod input;
 pub mod measured;
 pub mod record;

@@ -85,7 +85,7 @@ fn difference(expected: &PiezoFrame, found: &PiezoFrame) -> String {
 }
 
 /// Of the frame of this message, in virtual time.
-fn tick_ns(message: &SlipMessage, ahead_ns: i64) -> u64 {
+pub fn tick_ns(message: &SlipMessage, ahead_ns: i64) -> u64 {
     (message.timestamp_us as i64 * 1000 - ahead_ns).max(0) as u64
 }
 

@@ -1,5 +1,6 @@
 //! What a run printed.
 
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::Write;
 use std::path::Path;
@@ -9,7 +10,7 @@ use slipsense_can_sim::Outcome;
 use slipsense_recording::candump::CandumpWriter;
 
 use crate::arguments::Arguments;
-use crate::compare::{Comparison, Slip, clock_ahead_ns, compare};
+use crate::compare::{Comparison, Slip, clock_ahead_ns, compare, tick_ns};
 use crate::fault_schedule;
 use crate::fdcan::wire::{Logged, MCU, can_frame};
 use crate::fitted::Fitted;
@@ -177,9 +178,22 @@ fn print_bus(done: &Done, comparison: &Comparison) {
         worst.message.sequence,
         sum as f64 / 1000.0 / comparison.slips.len() as f64
     );
+    let queued_us = queued_us(done, &comparison.slips).unwrap_or(0.0);
+    println!("slip message in the FDCAN's queue after its tick: worst {queued_us:.1} us");
     let worst = done.requests.iter().map(|(from, to)| to - from).max().unwrap_or(0);
     let worst_us = worst as f64 / 1000.0;
     println!("a frame in the FDCAN's queue: at most {worst_us:.1} us from its request to its end");
+}
+
+/// The longest time from a tick until its slip message was in the FDCAN's queue.
+fn queued_us(done: &Done, slips: &[Slip]) -> Option<f64> {
+    let ahead_ns = clock_ahead_ns(done, slips);
+    let requested: HashMap<u64, u64> = done.requests.iter().map(|&(from, to)| (to, from)).collect();
+    let waits_ns = slips.iter().filter_map(|slip| {
+        let from = *requested.get(&slip.end_ns)?;
+        Some(from.saturating_sub(tick_ns(&slip.message, ahead_ns)))
+    });
+    waits_ns.max().map(|ns| ns as f64 / 1000.0)
 }
 
 fn print_comparison(done: &Done, comparison: &Comparison, played: bool) {

@@ -4,10 +4,8 @@ use anyhow::Result;
 use slipsense::pipeline::FrameStamp;
 use slipsense::sensor::SensorReadings;
 use slipsense::wire::NodeId;
+use slipsense_qemu::input::Header;
 use slipsense_recording::Episode;
-
-/// The emulated node's identifier.
-pub const NODE: NodeId = NodeId::DEFAULT;
 
 pub struct Frames {
     pub compress_raw: bool,
@@ -28,5 +26,16 @@ impl Frames {
             Ok((FrameStamp::of_recording(u32::try_from(frame)?), parts.collect::<Result<_, _>>()?))
         };
         Ok(Self::new(episode.sensors, (0..count).map(frame).collect::<Result<_>>()?))
+    }
+
+    /// Of the file with these frames and this model.
+    pub fn header(&self, model: &[u8]) -> Result<Header> {
+        Ok(Header {
+            model_bytes: u32::try_from(model.len())?,
+            sensors: u32::try_from(self.sensors)?,
+            frames: u32::try_from(self.list.len())?,
+            node: NodeId::DEFAULT,
+            compress_raw: self.compress_raw,
+        })
     }
 }

@@ -9,10 +9,9 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail, ensure};
 use slipsense::board::replay::encode_frame;
 use slipsense_qemu::INPUT_FILE;
-use slipsense_qemu::input::Header;
 use tempfile::TempDir;
 
-use super::frames::{Frames, NODE};
+use super::frames::Frames;
 use crate::process::{Running, command, find, need, run};
 use crate::toolchain::Toolchain;
 
@@ -20,7 +19,7 @@ const EMULATOR: &str = "qemu-system-arm";
 pub const PACKAGE: &str = "slipsense-qemu";
 /// One instruction takes 2^7 ns of the emulated clock: with this, runs repeat exactly and times count
 /// instructions.
-pub const NS_PER_INSTRUCTION_LOG2: u32 = 7;
+const ICOUNT: &str = "shift=7";
 
 /// A run that takes longer hangs.
 const LIMIT: Duration = Duration::from_secs(900);
@@ -28,7 +27,6 @@ const LIMIT: Duration = Duration::from_secs(900);
 pub struct Machine {
     emulator: PathBuf,
     pub program: PathBuf,
-    icount: String,
 }
 
 impl Machine {
@@ -42,14 +40,7 @@ impl Machine {
         let emulator = find(EMULATOR).with_context(|| format!("`{EMULATOR}` is not on the PATH"))?;
         let toolchain = Toolchain::get()?;
         run(toolchain.cargo("build").args(["--package", PACKAGE, "--bin", program]).args(arguments))?;
-        let icount = format!("shift={NS_PER_INSTRUCTION_LOG2}");
-        Ok(Self { emulator, program: toolchain.program(program), icount })
-    }
-
-    /// One instruction takes 2 ns of the emulated clock, and while the core waits for an interrupt the clock jumps to
-    /// it: for programs that live in real time.
-    pub fn in_real_time(self) -> Self {
-        Self { icount: "shift=1,sleep=off".to_owned(), ..self }
+        Ok(Self { emulator, program: toolchain.program(program) })
     }
 
     /// Run to the end, with `dir` as the folder of the program's files; what it prints.
@@ -79,7 +70,7 @@ impl Machine {
         command
             .current_dir(dir)
             .args(["-cpu", "cortex-m7", "-machine", "mps2-an500", "-display", "none"])
-            .args(["-monitor", monitor, "-serial", "none", "-icount", &self.icount])
+            .args(["-monitor", monitor, "-serial", "none", "-icount", ICOUNT])
             .args(["-semihosting-config", "enable=on,target=native"])
             .arg("-kernel")
             .arg(&self.program)
@@ -98,14 +89,7 @@ pub fn folder(frames: &Frames, model: &[u8]) -> Result<TempDir> {
 
 fn write_input(path: &Path, frames: &Frames, model: &[u8]) -> Result<()> {
     let mut file = BufWriter::new(File::create(path)?);
-    let header = Header {
-        model_bytes: u32::try_from(model.len())?,
-        sensors: u32::try_from(frames.sensors)?,
-        frames: u32::try_from(frames.list.len())?,
-        node: NODE,
-        compress_raw: frames.compress_raw,
-    };
-    file.write_all(&header.encode())?;
+    file.write_all(&frames.header(model)?.encode())?;
     file.write_all(model)?;
     for (stamp, parts) in &frames.list {
         let mut record = Vec::new();

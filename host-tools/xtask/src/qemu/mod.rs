@@ -4,13 +4,13 @@ use std::fs;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
 use slipsense_qemu::OUTPUT_FILE;
 use slipsense_qemu::input::MODEL_BYTES_MAX;
-use slipsense_qemu::record::Record;
+use slipsense_qemu::record::{Record, SignalPath};
 use slipsense_recording::Episode;
 
 use crate::process::root;
@@ -20,13 +20,11 @@ use crate::twin::machine::MODEL;
 mod compare;
 mod extreme;
 pub mod frames;
-mod host;
 pub mod machine;
-mod real_time;
 
 use compare::{PARTS, compare};
 use frames::Frames;
-use machine::{Machine, NS_PER_INSTRUCTION_LOG2, folder};
+use machine::{Machine, folder};
 
 /// What to run, on which model.
 #[derive(Args, Clone, Debug, Default)]
@@ -41,9 +39,7 @@ Examples:
   cargo xtask qemu host-tools/cli/demo/episode.npz
   cargo xtask qemu --extreme --frames 2000
   cargo xtask qemu --extreme --random-model 7
-  cargo xtask qemu host-tools/cli/demo/episode.npz --compress-raw
-  cargo xtask qemu --real-time host-tools/cli/demo/episode.npz
-  cargo xtask qemu --real-time host-tools/cli/demo/episode.npz --seconds 5")]
+  cargo xtask qemu host-tools/cli/demo/episode.npz --compress-raw")]
 pub struct Options {
     /// Episode files (.npz), one run each
     #[arg(value_name = "EPISODE", required_unless_present = "extreme")]
@@ -57,15 +53,8 @@ pub struct Options {
     /// Instead of the shipped model: a random network of random shape, made from this seed
     #[arg(long, value_name = "SEED")]
     pub random_model: Option<u64>,
-    /// Loop the episode against the clock instead: frames at 240 Hz that nobody waits for, with one and with three
-    /// sensors, on a bus that is free, full, disturbed and gone
-    #[arg(long, requires = "episodes", conflicts_with_all = ["extreme", "frames", "random_model"])]
-    pub real_time: bool,
-    /// Emulated seconds of each real-time run
-    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(3..=600), requires = "real_time")]
-    pub seconds: u32,
-    /// Send the raw messages compressed (register slipsense.raw.compressed); against the clock both ways are run
-    #[arg(long, conflicts_with = "real_time")]
+    /// Send the raw messages compressed (register slipsense.raw.compressed)
+    #[arg(long)]
     pub compress_raw: bool,
 }
 
@@ -125,12 +114,6 @@ pub fn kernels() -> Result<()> {
 /// Run and report; `false` if something differed.
 pub fn run(options: &Options) -> Result<bool> {
     let (model_name, model) = options.model()?;
-    if options.real_time {
-        let [episode] = options.episodes.as_slice() else {
-            bail!("--real-time: {} episodes given, it loops one", options.episodes.len());
-        };
-        return real_time::run(episode, &model, options.seconds);
-    }
     let machine = Machine::build("slipsense-qemu")?;
     let title = format!(
         "Frames that differ between this computer and the emulated Cortex-M7, by part; instructions of the pipeline \
@@ -144,17 +127,20 @@ pub fn run(options: &Options) -> Result<bool> {
     for (name, mut frames) in options.inputs()? {
         frames.compress_raw = options.compress_raw;
         eprintln!("{name}: {} frames on the emulated Cortex-M7", frames.list.len());
-        let expected: Vec<Record> = host::records(&frames, &model)?.map(|(_, record)| record).collect();
+        let mut path = SignalPath::new(&frames.header(&model)?, Model::parse(&model)?)?;
+        let here = |(stamp, parts): &(_, Vec<_>)| path.record(*stamp, parts, not_counted);
+        let expected: Vec<Record> = frames.list.iter().map(here).collect();
         let records = emulate(&machine, &frames, &model)?;
         let comparison = compare(&expected, &records);
         comparison.first.iter().for_each(|mismatch| eprintln!("  {mismatch}"));
-        let instructions = |record: &Record| (u64::from(record.step_us) * 1000) >> NS_PER_INSTRUCTION_LOG2;
         let mut row = vec![name, frames.sensors.to_string()];
         let sizes = [records.len(), comparison.can_frames, comparison.slip_frames];
         row.extend(
             sizes.iter().chain(&comparison.by_part).chain([&comparison.frames]).map(ToString::to_string),
         );
-        row.extend(median_and_worst(records.iter().map(instructions).collect()).map(thousands));
+        row.extend(
+            median_and_worst(records.iter().map(|record| record.instructions).collect()).map(thousands),
+        );
         table.row(row);
         differing += comparison.frames;
         compared += records.len();
@@ -162,6 +148,12 @@ pub fn run(options: &Options) -> Result<bool> {
     print!("{table}");
     println!("{differing} mismatching frames of {compared}");
     Ok(differing == 0)
+}
+
+/// Instructions are the emulator's to count.
+fn not_counted(work: &mut dyn FnMut()) -> u32 {
+    work();
+    0
 }
 
 fn emulate(machine: &Machine, frames: &Frames, model: &[u8]) -> Result<Vec<Record>> {

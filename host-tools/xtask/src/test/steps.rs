@@ -52,8 +52,6 @@ const RANDOM_MODELS: std::ops::RangeInclusive<u64> = 1..=3;
 const RANDOM_MODEL_FRAMES: u32 = 150;
 /// Random CAN frames that two encoders compare.
 const CAN_FRAMES: &str = "20000";
-/// Emulated seconds of each real-time run.
-const REAL_TIME_S: u32 = 6;
 /// Public key of the first test in RFC 8032, 7.1.
 const RFC_8032_KEY: &str = "d75a980182b10ab7d54bfed3c964073a0ee172f3daa62325af021a68f707511a";
 /// Name of the program and of Debian's package.
@@ -96,11 +94,6 @@ pub const STEPS: &[Step] = &[
         |_| qemu::kernels(),
     ),
     FIRMWARE.step("stack", "the firmware cannot outgrow its stack, its memories, 512 KB of flash", |_| stack::step()),
-    FIRMWARE.step(
-        "qemu-real-time",
-        "the tasks against the clock on the emulated Cortex-M7, on a bus that is free, full, disturbed, gone",
-        |_| equal(&qemu::Options { real_time: true, seconds: REAL_TIME_S, ..demo_on_qemu() }),
-    ),
     FIRMWARE.step("qemu-extreme", "extreme input on the emulated Cortex-M7, 1 to 3 sensors", |_| {
         equal(&extreme(EXTREME_FRAMES, None))
     }),
@@ -109,10 +102,10 @@ pub const STEPS: &[Step] = &[
         models.try_for_each(|seed| equal(&extreme(RANDOM_MODEL_FRAMES, Some(seed))))
     }),
     FIRMWARE.step("qemu-real", "episodes of real recordings on the emulated Cortex-M7, where present", real),
-    TWIN.step(
+    TWIN_HOST.step(
         "twin",
-        "the firmware's ELF on an emulated STM32H743 decides as the host does; with the ICM-42688-P too",
-        |_| twin::step(),
+        "the firmware's ELF on an emulated STM32H743 decides as the host does, and in time; with the ICM-42688-P too",
+        |context| twin::step(&program("slipsense", context)?),
     ),
     TWIN_HOST.step(
         "twin-faults",
@@ -300,9 +293,8 @@ fn build_firmware(Context { size, .. }: Context) -> Result<()> {
         let features = "h743,adxl382,crystal";
         run(check.args(["--package", "slipsense", "--bin", firmware::NAME, "--features", features]))?;
     }
-    let mut emulated = vec!["slipsense-qemu", "slipsense-qemu-kernels"];
-    emulated.extend((size == Size::All).then_some("slipsense-qemu-realtime"));
-    let bins = emulated.into_iter().flat_map(|program| ["--bin", program]);
+    let bins =
+        ["slipsense-qemu", "slipsense-qemu-kernels"].into_iter().flat_map(|program| ["--bin", program]);
     run(Toolchain::get()?.cargo("build").args(["--package", machine::PACKAGE]).args(bins))
 }
 

@@ -24,6 +24,8 @@ const OTHER_XL: &str = "icm42688";
 /// recordings. Else a synthetic one.
 const LONG_SECONDS: u32 = 20;
 const REAL_PULL: &str = "../shared/real/slip_up.npz";
+/// Virtual seconds with three sensors in the test command.
+const REAL_TIME_S: u32 = 6;
 const LOOPBACK_PASSED: &str = "loop back passed";
 
 /// Run the firmware's ELF on an emulated STM32H743, in virtual time
@@ -102,9 +104,9 @@ fn long() -> Result<bool> {
     Ok(good)
 }
 
-/// embassy's driver in loop back; without sensors; the demo episode, with either accelerometer; and that the scan
-/// computed where somebody looks is the scan event by event.
-pub fn step() -> Result<()> {
+/// embassy's driver in loop back; without sensors; the demo episode, with either accelerometer; three sensors in real
+/// time; and that the scan computed where somebody looks is the scan event by event.
+pub fn step(slipsense: &Path) -> Result<()> {
     let mut loopback = twin_with(&Program::CAN_LOOPBACK.build()?)?;
     start(loopback.args(["--seconds", "0.2", "--says", LOOPBACK_PASSED]))?;
     start(twin(DEFAULT_XL)?.args(["--seconds", "0.2"]))?;
@@ -112,6 +114,8 @@ pub fn step() -> Result<()> {
     for xl in [DEFAULT_XL, OTHER_XL] {
         start(twin(xl)?.arg(&episode).args(["--xl", xl, "--seconds", "1"]))?;
     }
+    let three = synthetic_pull(slipsense, "tesollo", 3, REAL_TIME_S)?;
+    start(twin(DEFAULT_XL)?.arg(three).args(["--sensors", "3", "--seconds", &REAL_TIME_S.to_string()]))?;
     let traced = |name: &str, slow: Option<&str>| {
         let path = target_dir().join(name);
         let mut run = twin(DEFAULT_XL)?;

@@ -3,10 +3,11 @@
 use core::hint::black_box;
 
 use slipsense::wire::{Detail, RawBuffer, RawFrame};
+use slipsense_qemu::emulated::each_frame;
 use slipsense_qemu::emulated::semihosting::File;
 use slipsense_qemu::input::Header;
 
-use crate::measure::{Bench, each_frame};
+use crate::measure::Bench;
 pub fn measure(bench: &mut Bench, file: &mut File, header: &Header) {
     let mut buffer = RawBuffer::new();
     each_frame(file, header, |_, stamp, parts| {

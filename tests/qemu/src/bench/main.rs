@@ -5,8 +5,6 @@
 #[cfg(target_os = "none")]
 mod compression;
 #[cfg(target_os = "none")]
-mod counter;
-#[cfg(target_os = "none")]
 mod kernels;
 #[cfg(target_os = "none")]
 mod measure;

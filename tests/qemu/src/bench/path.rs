@@ -7,11 +7,12 @@ use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Output, Pipeline};
 use slipsense::sensor::{SensorInput, SensorReadings};
 use slipsense::wire::{Origin, RawForm, RawTransfer, Transmitter};
+use slipsense_qemu::emulated::each_frame;
 use slipsense_qemu::emulated::semihosting::File;
 use slipsense_qemu::input::Header;
 use slipsense_qemu::measured::{GO_FILE, READY_FILE};
 
-use crate::measure::{Bench, each_frame};
+use crate::measure::Bench;
 
 /// Measure all frames of the file; `traced`: wait before the last one until the emulator writes down what is done.
 pub fn measure(bench: &mut Bench, file: &mut File, header: &Header, model: Model<'static>, traced: bool) {

@@ -53,10 +53,6 @@ pub trait FrameSource {
 
     /// Write into `parts` what the tick just waited for has closed. Called at most once per tick.
     async fn read(&mut self, parts: &mut [SensorReadings; MAX_SENSORS]);
-
-    /// Throw away what the tick just waited for has closed. Called instead of [`read`](Self::read), by
-    /// [`crate::tasks::acquire`] for real-time sources only.
-    async fn discard(&mut self) {}
 }
 
 /// The three kinds of CAN frame that a node sends. The hardware holds at most one of each, and of those that it

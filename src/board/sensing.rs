@@ -7,6 +7,9 @@ use crate::sensor::XlSample;
 
 /// The scan of the taxel arrays, which runs by itself and closes a frame when every taxel was converted once.
 pub trait TaxelScan {
+    /// Wait until the next frame is due in `lead_us`; not at all where it is nearer or late.
+    async fn wait_before(&mut self, lead_us: u64);
+
     /// Wait for the next frame: its number, and the time of the conversion that closed it.
     ///
     /// Ends whatever happens to the scan: one that stopped is started again, and its frame is delivered without counts.
@@ -40,6 +43,9 @@ pub struct XlPart {
     pub reset_ticks: u32,
     /// Frame ticks after power-up whose samples are thrown away.
     pub settling_ticks: u32,
+    /// Time that reading the samples of a frame takes at most, microseconds: their bytes at 8 MHz, and what the transfers
+    /// cost on the emulated board.
+    pub read_us: u64,
 }
 
 /// What a FIFO said beside its samples.

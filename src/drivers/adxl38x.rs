@@ -101,6 +101,7 @@ impl<SPI: SpiDevice, const IS_382: bool> Accelerometer for Adxl38x<'_, SPI, IS_3
         reset_ticks: 1,
         // 50 ms. Linux waits for nothing, Analog Devices' example for 500 ms without saying why.
         settling_ticks: 12,
+        read_us: if IS_382 { 650 } else { 340 },
     };
 
     async fn reset(&mut self) -> Result<(), XlFault> {

@@ -114,6 +114,7 @@ impl<SPI: SpiDevice> Accelerometer for Icm42688<'_, SPI> {
         reset_ticks: 1,
         // The accelerometer takes 10 ms to start (table 2).
         settling_ticks: 3,
+        read_us: 310,
     };
 
     async fn reset(&mut self) -> Result<(), XlFault> {

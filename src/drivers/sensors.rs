@@ -1,4 +1,5 @@
-//! All fingertips of a board as a [`FrameSource`]: the scan gives the tick, every part is read after it.
+//! All fingertips of a board as a [`FrameSource`]: the scan gives the tick; accelerometers are read just before it, so
+//! that the frame does not wait for their bus, arrays after it.
 
 use core::cell::Cell;
 
@@ -8,7 +9,7 @@ use super::array::Array;
 use super::sensor_link::{Bench, Job, SensorLink, SensorReport};
 use super::xl_monitor::{XlBatch, XlMonitor};
 use crate::board::{Accelerometer, FifoSamples, FrameSource, TaxelScan};
-use crate::params::{FRAME_RATE_HZ, MAX_SENSORS};
+use crate::params::{FRAME_PERIOD_US, FRAME_RATE_HZ, MAX_SENSORS};
 use crate::pipeline::FrameStamp;
 use crate::sensor::SensorReadings;
 
@@ -21,7 +22,8 @@ pub struct Sensors<'l, M: RawMutex, T, A> {
     work: Option<(Job, &'l mut Bench)>,
     /// Where FIFOs are read to, one after the other.
     fifo: FifoSamples,
-    unwanted: XlBatch,
+    /// Of each accelerometer, for the next frame: did it answer, and its samples.
+    batches: [(bool, XlBatch); MAX_SENSORS],
     now_us: u64,
     lost_scans: u32,
 }
@@ -49,7 +51,7 @@ impl<'l, M: RawMutex, T: TaxelScan, A: Accelerometer> Sensors<'l, M, T, A> {
             sensors,
             work: None,
             fifo: FifoSamples::new(),
-            unwanted: XlBatch::new(),
+            batches: [const { (false, XlBatch::new()) }; MAX_SENSORS],
             now_us: 0,
             lost_scans: 0,
         }
@@ -108,16 +110,24 @@ impl<M: RawMutex, T: TaxelScan, A: Accelerometer> FrameSource for Sensors<'_, M,
             self.frames_until_report = FRAME_RATE_HZ;
             self.link.report.lock(|last| last.set(Some(self.report())));
         }
+        // Also for a frame that the queue has no room for: samples stay counted, and no FIFO overflows.
+        let lead_us = A::PART.read_us * self.sensors.len() as u64;
+        self.scan.wait_before(lead_us).await;
+        let read_us = self.now_us + FRAME_PERIOD_US.saturating_sub(lead_us);
+        for (Sensor { xl, .. }, (arrived, batch)) in self.sensors.iter_mut().zip(&mut self.batches) {
+            *arrived = xl.tick(read_us, &mut self.fifo, batch).await;
+        }
         let stamp = self.scan.tick().await;
         self.now_us = stamp.timestamp_us;
         Some(stamp)
     }
 
-    /// Accelerometers first, because their FIFOs go on filling; the scan's codes stay for a whole frame.
     async fn read(&mut self, parts: &mut [SensorReadings; MAX_SENSORS]) {
-        for (sensor, part) in self.sensors.iter_mut().zip(parts.iter_mut()) {
-            part.xl_arrived = sensor.xl.tick(self.now_us, &mut self.fifo, &mut part.xl).await;
-            part.xl_end = sensor.xl.xl_end();
+        for ((sensor, (arrived, batch)), part) in self.sensors.iter().zip(&self.batches).zip(parts.iter_mut())
+        {
+            (part.xl_arrived, part.xl_end) = (*arrived, sensor.xl.xl_end());
+            part.xl.clear();
+            _ = part.xl.extend_from_slice(batch);
             part.piezo_arrived = false;
         }
         let arrays = self.sensors.len();
@@ -131,14 +141,6 @@ impl<M: RawMutex, T: TaxelScan, A: Accelerometer> FrameSource for Sensors<'_, M,
         if self.scan.codes().is_none() || !self.scan.is_untouched() {
             self.lost_scans = self.lost_scans.saturating_add(1);
             parts.iter_mut().for_each(|part| part.piezo_arrived = false);
-        }
-    }
-
-    /// The FIFOs are emptied all the same, so that their samples stay counted and none overflows; the next frame's index
-    /// shows the gap.
-    async fn discard(&mut self) {
-        for sensor in &mut self.sensors {
-            sensor.xl.tick(self.now_us, &mut self.fifo, &mut self.unwanted).await;
         }
     }
 }

@@ -26,7 +26,6 @@ pub async fn acquire<M: RawMutex, S: FrameSource>(
         shared.progress.made(Task::Acquire);
         let buffer = if S::REAL_TIME { queue.try_send() } else { Some(queue.send().await) };
         let Some(frame) = buffer else {
-            source.discard().await;
             dropped_frames = dropped_frames.saturating_add(1);
             shared.update_status(|status| status.dropped_frames = dropped_frames);
             continue;

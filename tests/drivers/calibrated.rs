@@ -247,6 +247,8 @@ struct Scan {
 }
 
 impl TaxelScan for Scan {
+    async fn wait_before(&mut self, _lead_us: u64) {}
+
     async fn tick(&mut self) -> FrameStamp {
         self.frames += 1;
         let time_s = f64::from(self.frames) / 240.0;

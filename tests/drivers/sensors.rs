@@ -21,6 +21,8 @@ const TICK_US: u64 = 4_168;
 struct Faults {
     lost: Cell<bool>,
     overwritten: Cell<bool>,
+    /// Accelerometers that had samples left at the last tick.
+    unread: Cell<usize>,
 }
 
 /// A scan of three arrays; each count says its array.
@@ -32,8 +34,14 @@ struct Scan {
 }
 
 impl TaxelScan for Scan {
-    async fn tick(&mut self) -> FrameStamp {
+    async fn wait_before(&mut self, lead_us: u64) {
+        assert_eq!(lead_us, 3 * 340, "what three FIFOs take");
         self.parts.iter().for_each(|part| part.borrow_mut().advance(TICK_US));
+    }
+
+    async fn tick(&mut self) -> FrameStamp {
+        let unread = |part: &&Rc<RefCell<Part>>| !part.borrow().fifo.is_empty();
+        self.faults.unread.set(self.parts.iter().filter(unread).count());
         self.stamp.sequence += 1;
         self.stamp.timestamp_us += TICK_US;
         let noise = self.stamp.sequence as u16 % 5;
@@ -83,6 +91,7 @@ fn a_fault_is_the_faulty_parts_only() {
     assert_eq!(next(&mut sensors), "ppp---", "the scan does not wait for accelerometers");
     (0..30).for_each(|_| _ = next(&mut sensors));
     assert_eq!(next(&mut sensors), "pppxxx");
+    assert_eq!(faults.unread.get(), 0, "accelerometers are read ahead of the tick");
 
     parts[1].borrow_mut().wires = Wires::Error;
     (0..100).for_each(|_| assert_eq!(next(&mut sensors), "pppx-x"));
@@ -139,7 +148,6 @@ fn discarded_frames_show_as_a_gap() {
     let before = end(&buffer);
     for _ in 0..20 {
         block_on(sensors.tick()).expect("a tick");
-        block_on(sensors.discard());
     }
     assert_eq!(frame(&mut sensors, &mut buffer), "pppxxx");
     assert!(first(&buffer).iter().zip(before).all(|(&first, before)| first > before + 600));

@@ -22,7 +22,6 @@ const SENSORS: usize = 2;
 struct Counter<const REAL_TIME: bool> {
     next: u32,
     end: u32,
-    discarded: u32,
 }
 
 impl<const REAL_TIME: bool> FrameSource for Counter<REAL_TIME> {
@@ -39,14 +38,9 @@ impl<const REAL_TIME: bool> FrameSource for Counter<REAL_TIME> {
     async fn read(&mut self, parts: &mut [SensorReadings; MAX_SENSORS]) {
         healthy(self.next - 1, parts);
     }
-
-    async fn discard(&mut self) {
-        self.discarded += 1;
-    }
 }
 
 struct Ran {
-    discarded: u32,
     status: Status,
     sent: Vec<(TxSlot, CanFrame)>,
 }
@@ -79,7 +73,7 @@ fn run<const REAL_TIME: bool>(frames: u32, polls: usize, clock: impl Clock, obse
     let mut buffers = [const { SensorFrame::new() }; QUEUED_FRAMES];
     let mut channel = Channel::<NoopRawMutex, _>::new(&mut buffers);
     let (sender, mut receiver) = channel.split();
-    let mut source = Counter::<REAL_TIME> { next: 0, end: frames, discarded: 0 };
+    let mut source = Counter::<REAL_TIME> { next: 0, end: frames };
     let acquisition = async {
         acquire(&mut source, sender, &shared).await;
         // Let inference empty the queue.
@@ -96,7 +90,7 @@ fn run<const REAL_TIME: bool>(frames: u32, polls: usize, clock: impl Clock, obse
         }
     };
     block_on(select3(acquisition, deciding, transmission.run()));
-    Ran { discarded: source.discarded, status: shared.status(), sent: sent.take() }
+    Ran { status: shared.status(), sent: sent.take() }
 }
 
 #[test]
@@ -107,7 +101,6 @@ fn slow_inference_drops_whole_frames_and_counts_them() {
 
     assert!(ran.status.dropped_frames > 300, "a decision takes 50 ticks: {:?}", ran.status);
     assert_eq!(ran.status.acquired_frames + ran.status.dropped_frames, ticks);
-    assert_eq!(ran.discarded, ran.status.dropped_frames);
     assert_eq!(ran.status.decided_frames, ran.status.acquired_frames);
     assert_eq!(slips.len() as u32, ran.status.acquired_frames, "what was queued was decided");
     for (message, sent_before) in slips.iter().zip(0..) {
@@ -122,7 +115,7 @@ fn slow_inference_drops_whole_frames_and_counts_them() {
 fn a_recording_waits_and_loses_nothing() {
     let frames = 60;
     let ran = run::<false>(frames, 5, StoppedClock, ());
-    assert_eq!((ran.status.acquired_frames, ran.status.dropped_frames, ran.discarded), (frames, 0, 0));
+    assert_eq!((ran.status.acquired_frames, ran.status.dropped_frames), (frames, 0));
     assert_eq!((ran.status.late_frames, ran.status.dropped_raw), (0, 0));
 
     let sent = [TxSlot::Slip, TxSlot::Raw].map(|slot| ran.of(slot));

@@ -89,11 +89,12 @@ pub fn tick_ns(message: &SlipMessage, ahead_ns: i64) -> u64 {
     (message.timestamp_us as i64 * 1000 - ahead_ns).max(0) as u64
 }
 
-/// What was read of a FIFO in the frame after a tick.
+/// What was read of a FIFO for the frame of a tick: in the period around it.
 fn readout(readouts: &[(u64, Vec<XlSample>)], tick_ns: u64) -> Option<&[XlSample]> {
-    let first = readouts.partition_point(|(at, _)| *at <= tick_ns);
+    let begin = tick_ns.saturating_sub(PERIOD_US * 1000 / 2);
+    let first = readouts.partition_point(|(at, _)| *at <= begin);
     let (at, samples) = readouts.get(first)?;
-    (at - tick_ns < PERIOD_US * 1000).then_some(samples)
+    (at - begin < PERIOD_US * 1000).then_some(samples)
 }
 
 pub fn compare(done: &Done, episode: Option<&Episode>) -> Result<Comparison> {
@@ -143,7 +144,7 @@ impl Comparison {
     }
 
     /// The host's pipeline decides on the very readings that the raw messages carry; where the bus did not carry one,
-    /// on what the sensor models gave: the scan that follows, and what was read of the FIFO after the tick.
+    /// on what the sensor models gave: the scan that follows, and what was read of the FIFO around the tick.
     fn decisions(&mut self, raws: &Raws, done: &Done, episode: Option<&Episode>) -> Result<()> {
         let model = Model::parse(MODEL).map_err(|error| anyhow!("the bundled model: {error}"))?;
         let sensors = self.slips.first().map_or(1, |slip| slip.message.sensors.into());

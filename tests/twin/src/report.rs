@@ -19,6 +19,8 @@ use crate::recovery::{self, Recovery};
 use crate::restarts;
 use crate::run::Done;
 
+/// Longest time from a tick until its slip message is in the FDCAN's queue, µs: with one sensor, and with more.
+const QUEUED_MAX_US: [f64; 2] = [1300.0, 3400.0];
 /// Lines of one kind of difference that are shown.
 const SHOWN: usize = 5;
 
@@ -67,6 +69,10 @@ pub fn print(done: &Done, fitted: &Fitted, arguments: &Arguments) -> Result<bool
         println!("  {:>9.0} {name}", *count as f64 / seconds);
     }
     print_time(done);
+    let in_time = is_in_time(done, &comparison.slips);
+    if !in_time {
+        println!("FAILED: a slip message came later into the queue than {QUEUED_MAX_US:?} us allow");
+    }
     if !done.overdrive {
         println!("FAILED: SYSCFG_PWRCR.ODEN is not set: 480 MHz needs voltage scale 0");
     }
@@ -80,7 +86,7 @@ pub fn print(done: &Done, fitted: &Fitted, arguments: &Arguments) -> Result<bool
         whole =
             comparison.is_equal(episode.is_some()) && comparison.skipped == 0 && comparison.uneven.is_empty();
     }
-    Ok(expected_only && done.overdrive && scanned_fast(done) && whole)
+    Ok(expected_only && done.overdrive && in_time && scanned_fast(done) && whole)
 }
 
 /// The fast path of the scan must recognize the firmware's set-up: without it a run takes several times as long, and
@@ -194,6 +200,11 @@ fn queued_us(done: &Done, slips: &[Slip]) -> Option<f64> {
         Some(from.saturating_sub(tick_ns(&slip.message, ahead_ns)))
     });
     waits_ns.max().map(|ns| ns as f64 / 1000.0)
+}
+
+fn is_in_time(done: &Done, slips: &[Slip]) -> bool {
+    let many = slips.first().is_some_and(|slip| slip.message.sensors > 1);
+    queued_us(done, slips).is_none_or(|us| us <= QUEUED_MAX_US[usize::from(many)])
 }
 
 fn print_comparison(done: &Done, comparison: &Comparison, played: bool) {

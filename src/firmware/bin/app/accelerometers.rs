@@ -1,5 +1,5 @@
-//! The accelerometers: one SPI bus with a chip select each, bytes moved by DMA, FIFOs read at each frame tick. No
-//! interrupt line: a FIFO holds the samples of 1.5 ticks (ADXL382), 3 or 7, and its level says all.
+//! The accelerometers: one SPI bus with a chip select each, bytes moved by DMA, FIFOs read just before each frame tick.
+//! No interrupt line: a FIFO holds the samples of 1.5 ticks (ADXL382), 3 or 7, and its level says all.
 //!
 //! One after the other, they take of a frame, by the bytes of 33 or 67 samples at 8 MHz: 0.31 ms for each ADXL380,
 //! 0.61 ms for each ADXL382, 0.27 ms for each ICM-42688-P.

@@ -222,6 +222,11 @@ impl AdcScan {
 }
 
 impl TaxelScan for AdcScan {
+    async fn wait_before(&mut self, lead_us: u64) {
+        let wait_us = FRAME_PERIOD_US.saturating_sub(lead_us);
+        embassy_time::Timer::at(self.last.time + Duration::from_micros(wait_us)).await;
+    }
+
     async fn tick(&mut self) -> FrameStamp {
         let before = self.last.time;
         let tick = with_timeout(TIMEOUT, TICK.wait()).await.ok();

@@ -69,13 +69,11 @@ pub const HIGHPASS_HZ: u32 = 10;
 /// threshold, a mean of one ADC count, over the active taxels of one sensor.
 pub const CONTACT_SUM_MIN: u32 = ACTIVE_TAXELS as u32;
 
-/// A taxel counts towards the area and the centre of a contact from this many counts on: above the
-/// noise of an idle taxel (0.5 to 1.5 LSB rms), so that 900 idle taxels do not pull the
-/// centre of a light contact to the middle of the pad.
+/// A taxel counts towards the area and the centre of a contact from this many counts on: above the noise of an idle
+/// taxel (0.5 to 1.5 LSB rms), so that idle taxels do not pull the centre to the middle of the pad.
 pub const TAXEL_TOUCH_MIN: u16 = 8;
 
-/// Channels that the network sees of an array: the counts, and their change
-/// ([`TaxelDelta`](crate::features::piezo::TaxelDelta)).
+/// Channels that the network sees of an array: the counts, and their change ([`piezo`](crate::features::piezo)).
 pub const PIEZO_CHANNELS: usize = 2;
 
 /// Largest number in a map that a convolution takes, 14 bits and a sign; the least is one below its negative. The sum

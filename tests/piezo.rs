@@ -2,7 +2,7 @@
 //! behind a gap: `network::streaming`. On the microcontroller:
 //! `cargo xtask qemu`.
 
-use slipsense::features::piezo::{PiezoFrontEnd, TaxelDelta};
+use slipsense::features::piezo::PiezoFrontEnd;
 use slipsense::params::{CONTACT_SUM_MIN, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 use slipsense::sensor::PiezoFrame;
 
@@ -10,9 +10,10 @@ use crate::on_pad;
 
 type Cells = Vec<[i16; PIEZO_CHANNELS]>;
 
-fn cells(delta: &mut TaxelDelta, scan: &PiezoFrame) -> Cells {
+/// As of a pad that is touched, whatever its sum.
+fn cells(pad: &mut PiezoFrontEnd, scan: &PiezoFrame) -> Cells {
     let mut rows = [[[i16::MIN; PIEZO_CHANNELS]; TAXEL_COLS]; TAXEL_ROWS];
-    delta.push_rows(scan.counts(), rows.iter_mut());
+    assert!(pad.push_rows(scan.counts(), CONTACT_SUM_MIN, rows.iter_mut()));
     assert!(rows.as_flattened().iter().zip(scan.counts()).all(|(cell, &count)| cell[0] == count as i16));
     rows.as_flattened().to_vec()
 }
@@ -40,11 +41,11 @@ fn the_delta_of_a_taxel_follows_its_formula_at_every_extreme() {
     // The same recursion in floating point, rounding written out: exact below 2^53.
     let steps = [0u16, 4095, 4095, 0, 1, 4094, 7, 7, 7, 8, 0, 4095];
     for offset in 0..steps.len() {
-        let mut delta = TaxelDelta::new();
+        let mut pad = PiezoFrontEnd::new();
         let mut average = f64::NAN;
         for t in 0..60 {
             let count = steps[(t * (offset + 1) + offset) % steps.len()];
-            let found = cells(&mut delta, &PiezoFrame::from_scan([count; TAXELS]));
+            let found = cells(&mut pad, &PiezoFrame::from_scan([count; TAXELS]));
             let x = 16.0 * f64::from(count);
             if t == 0 {
                 average = x;
@@ -75,7 +76,7 @@ fn one_count_less_than_the_threshold_is_nothing_and_the_threshold_is_all_of_it()
 
 #[test]
 fn a_touched_pad_is_counts_and_delta() {
-    let (mut pad, mut delta) = (PiezoFrontEnd::new(), TaxelDelta::new());
+    let [mut pad, mut delta] = [PiezoFrontEnd::new(), PiezoFrontEnd::new()];
     for step in 0..50u32 {
         let scan = scan_of_sum(CONTACT_SUM_MIN - 500 + step * 37 % 3000);
         let (touched, all) = front_end_cells(&mut pad, &scan);

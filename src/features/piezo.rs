@@ -28,13 +28,16 @@ pub type TaxelRow = [[i16; PIEZO_CHANNELS]; TAXEL_COLS];
 /// The front end of one array.
 #[derive(Clone, Debug)]
 pub struct PiezoFrontEnd {
-    delta: TaxelDelta,
+    /// Row-major, 1/16 count.
+    average: [u16; TAXELS],
+    /// Has there been a scan since the start or the last gap?
+    started: bool,
 }
 
 impl PiezoFrontEnd {
-    /// Before the first scan.
+    /// Before the first scan, whose delta is 0 everywhere.
     pub const fn new() -> Self {
-        Self { delta: TaxelDelta::new() }
+        Self { average: [0; TAXELS], started: false }
     }
 
     /// Take a scan whose counts sum to `sum`, and write count and delta of every taxel to `rows`, from row 0 on. `false`
@@ -46,11 +49,24 @@ impl PiezoFrontEnd {
         sum: u32,
         rows: impl Iterator<Item = &'r mut TaxelRow>,
     ) -> bool {
+        if !self.started {
+            self.started = true;
+            for (average, &count) in self.average.iter_mut().zip(counts) {
+                *average = count << AVERAGE_FRAC_BITS;
+            }
+        }
         let touched = sum >= CONTACT_SUM_MIN;
         if touched {
-            self.delta.push_rows(counts, rows);
+            let averages = self.average.as_chunks_mut::<TAXEL_COLS>().0.iter_mut();
+            for ((averages, counts), row) in averages.zip(counts.as_chunks::<TAXEL_COLS>().0).zip(rows) {
+                for ((average, &count), cell) in averages.iter_mut().zip(counts).zip(row) {
+                    *cell = [count as i16, update(average, count)];
+                }
+            }
         } else {
-            self.delta.update(counts);
+            for (average, &count) in self.average.iter_mut().zip(counts) {
+                update(average, count);
+            }
         }
         touched
     }
@@ -66,57 +82,6 @@ impl PiezoFrontEnd {
         let touched = self.push_rows(counts, sum, rows.iter_mut());
         rows.as_flattened().iter().enumerate().for_each(|(index, &cell)| take(index, cell));
         touched
-    }
-
-    /// A scan is missing: the next one is not compared with those before the gap.
-    pub fn reset(&mut self) {
-        self.delta.reset();
-    }
-}
-
-/// The running averages of one array.
-#[derive(Clone, Debug)]
-pub struct TaxelDelta {
-    /// Row-major, 1/16 count.
-    average: [u16; TAXELS],
-    /// Has there been a scan since the start or the last gap?
-    started: bool,
-}
-
-impl TaxelDelta {
-    /// Before the first scan, whose delta is 0 everywhere.
-    pub const fn new() -> Self {
-        Self { average: [0; TAXELS], started: false }
-    }
-
-    /// Take a scan, and write count and delta of every taxel to `rows`, from row 0 on.
-    #[inline]
-    pub fn push_rows<'r>(&mut self, counts: &[u16; TAXELS], rows: impl Iterator<Item = &'r mut TaxelRow>) {
-        self.start(counts);
-        let averages = self.average.as_chunks_mut::<TAXEL_COLS>().0.iter_mut();
-        for ((averages, counts), row) in averages.zip(counts.as_chunks::<TAXEL_COLS>().0).zip(rows) {
-            for ((average, &count), cell) in averages.iter_mut().zip(counts).zip(row) {
-                *cell = [count as i16, update(average, count)];
-            }
-        }
-    }
-
-    /// Take a scan whose deltas are not needed.
-    #[inline]
-    pub fn update(&mut self, counts: &[u16; TAXELS]) {
-        self.start(counts);
-        for (average, &count) in self.average.iter_mut().zip(counts) {
-            update(average, count);
-        }
-    }
-
-    fn start(&mut self, counts: &[u16; TAXELS]) {
-        if !self.started {
-            self.started = true;
-            for (average, &count) in self.average.iter_mut().zip(counts) {
-                *average = count << AVERAGE_FRAC_BITS;
-            }
-        }
     }
 
     /// A scan is missing: the next one is not compared with those before the gap.

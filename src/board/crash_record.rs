@@ -47,12 +47,10 @@ pub struct Stall {
 
 /// What ended the program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the names say it")]
 pub enum CrashKind {
-    /// A panic.
     Panic,
-    /// A HardFault.
     Fault(Fault),
-    /// The watchdog.
     Stall(Stall),
     /// There was no external clock, or a wrong one, of this frequency, Hz.
     NoClock(u32),
@@ -95,34 +93,23 @@ impl CrashRecord {
         let mut hash = Hash(HASH_START);
         // Hashing does not fail; a reason that cannot format itself is hashed as far as it gets.
         let _ = write!(hash, "{reason}");
-        Self { line, file: kept, ..Self::of_kind(previous, CrashKind::Panic, hash) }
+        Self { line, file: kept, reason_hash: hash.0, ..Self::of(previous, CrashKind::Panic) }
     }
 
-    /// The record of a fault.
-    pub fn fault(previous: Option<Self>, fault: Fault) -> Self {
+    /// The record of what is no panic. `previous` is what the RAM held.
+    pub fn of(previous: Option<Self>, kind: CrashKind) -> Self {
         let mut hash = Hash(HASH_START);
-        hash.add(&fault.pc.to_le_bytes());
-        hash.add(&fault.cfsr.to_le_bytes());
-        Self::of_kind(previous, CrashKind::Fault(fault), hash)
-    }
-
-    /// The record of a stall.
-    pub fn stall(previous: Option<Self>, stall: Stall) -> Self {
-        let mut hash = Hash(HASH_START);
-        hash.add(&[stall.tasks]);
-        Self::of_kind(previous, CrashKind::Stall(stall), hash)
-    }
-
-    /// The record of a start without its clock.
-    pub fn no_clock(previous: Option<Self>, found_hz: u32) -> Self {
-        let mut hash = Hash(HASH_START);
-        hash.add(&found_hz.to_le_bytes());
-        Self::of_kind(previous, CrashKind::NoClock(found_hz), hash)
-    }
-
-    fn of_kind(previous: Option<Self>, kind: CrashKind, reason: Hash) -> Self {
+        match kind {
+            CrashKind::Panic => {}
+            CrashKind::Fault(Fault { pc, cfsr, .. }) => {
+                hash.add(&pc.to_le_bytes());
+                hash.add(&cfsr.to_le_bytes());
+            }
+            CrashKind::Stall(Stall { tasks, .. }) => hash.add(&[tasks]),
+            CrashKind::NoClock(found_hz) => hash.add(&found_hz.to_le_bytes()),
+        }
         let count = previous.map_or(0, |previous| previous.count).saturating_add(1);
-        Self { count, kind, line: 0, reason_hash: reason.0, file: [0; FILE_BYTES] }
+        Self { count, kind, line: 0, reason_hash: hash.0, file: [0; FILE_BYTES] }
     }
 
     /// The last [`FILE_BYTES`] bytes of the source file's path; empty where they are no text.

@@ -1,14 +1,14 @@
 //! A frame of a recording as bytes, for boards that are given their frames instead of sensing them: the emulated one
 //! reads them from a file, a flashed one from its RAM ([`mailbox`](super::mailbox)).
 //!
-//! Encode and decode stand side by side. All numbers are little-endian. Both take whole frames of a given number of sensors; a
-//! frame's bytes are a multiple of four, whatever the number of sensors.
+//! All numbers are little-endian. A frame's bytes are a multiple of four, whatever the number of sensors.
 
 use super::SensorReadings;
 use crate::health::bits_if;
 use crate::params::{MAX_SENSORS, TAXELS, XL_AXES, XL_BATCH_MAX};
 use crate::pipeline::FrameStamp;
 use crate::sensor::PiezoFrame;
+use crate::wire::bytes::Reader;
 use crate::wire::{COMPRESSED_BYTES_MAX, COMPRESSED_FRAME_BYTES};
 
 const STAMP_BYTES: usize = 4 + 8;
@@ -20,6 +20,7 @@ pub const FRAME_BYTES_MAX: usize = frame_bytes(MAX_SENSORS);
 pub const CAN_FRAMES_MAX: usize =
     1 + MAX_SENSORS * (COMPRESSED_BYTES_MAX + 2).div_ceil(COMPRESSED_FRAME_BYTES - 1);
 
+const NAME: &str = "replayed frame";
 const PIEZO_ARRIVED: u8 = 1;
 const XL_ARRIVED: u8 = 2;
 
@@ -49,61 +50,30 @@ pub fn encode_frame(stamp: FrameStamp, parts: &[SensorReadings], mut put: impl F
 
 /// The stamp at the start of a frame.
 pub fn decode_stamp(frame: &[u8]) -> Option<FrameStamp> {
-    let mut reader = Reader(frame);
-    Some(FrameStamp { sequence: reader.u32()?, timestamp_us: reader.u64()? })
+    let mut reader = Reader::new(NAME, frame);
+    let sequence = u32::from_le_bytes(reader.take().ok()?);
+    Some(FrameStamp { sequence, timestamp_us: reader.unsigned::<8>().ok()? })
 }
 
 /// Read a frame into `parts`, one per sensor. `None` if it is too short or breaks a rule.
 pub fn decode_parts(frame: &[u8], parts: &mut [SensorReadings]) -> Option<()> {
-    let mut reader = Reader(frame.get(STAMP_BYTES..)?);
+    let mut reader = Reader::new(NAME, frame.get(STAMP_BYTES..)?);
     for part in parts {
-        let [arrived, _] = reader.array()?;
+        let [arrived, _] = reader.take().ok()?;
         part.piezo_arrived = arrived & PIEZO_ARRIVED != 0;
         part.xl_arrived = arrived & XL_ARRIVED != 0;
-        let samples = usize::from(reader.u16()?);
-        part.xl_end = reader.u32()?;
+        let samples = u16::from_le_bytes(reader.take().ok()?);
+        part.xl_end = u32::from_le_bytes(reader.take().ok()?);
         let mut counts = [0; TAXELS];
         for count in &mut counts {
-            *count = reader.u16()?;
+            *count = u16::from_le_bytes(reader.take().ok()?);
         }
         part.piezo = PiezoFrame::from_counts(counts).ok()?;
-        part.xl.clear();
-        for i in 0..XL_BATCH_MAX {
-            let sample = [reader.i16()?, reader.i16()?, reader.i16()?];
-            if i < samples {
-                part.xl.push(sample).ok()?;
-            }
-        }
-        if part.xl.len() != samples {
-            return None;
+        part.xl.resize_default(samples.into()).ok()?;
+        let all = reader.slice(2 * XL_AXES * XL_BATCH_MAX).ok()?;
+        for (axis, bytes) in part.xl.as_flattened_mut().iter_mut().zip(all.as_chunks().0) {
+            *axis = i16::from_le_bytes(*bytes);
         }
     }
     Some(())
-}
-
-/// Takes numbers off the front of a slice; `None` at its end.
-struct Reader<'a>(&'a [u8]);
-
-impl Reader<'_> {
-    fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (taken, rest) = self.0.split_first_chunk()?;
-        self.0 = rest;
-        Some(*taken)
-    }
-
-    fn u16(&mut self) -> Option<u16> {
-        self.array().map(u16::from_le_bytes)
-    }
-
-    fn u32(&mut self) -> Option<u32> {
-        self.array().map(u32::from_le_bytes)
-    }
-
-    fn u64(&mut self) -> Option<u64> {
-        self.array().map(u64::from_le_bytes)
-    }
-
-    fn i16(&mut self) -> Option<i16> {
-        self.array().map(i16::from_le_bytes)
-    }
 }

@@ -49,18 +49,18 @@ proptest! {
 fn faults_and_stalls_are_named() {
     let fault = Fault { pc: 0x0802_1234, lr: 0x0802_0001, cfsr: 0x8200, address: 0x1FF0_0000 };
     let stored = |record: CrashRecord| CrashRecord::from_words(&record.to_words()).unwrap();
-    let record = stored(CrashRecord::fault(None, fault));
+    let record = stored(CrashRecord::of(None, CrashKind::Fault(fault)));
     assert_eq!((record.kind, record.count), (CrashKind::Fault(fault), 1));
     let text = "fault 1 since power-on, pc 08021234, lr 08020001, cfsr 00008200, at 1ff00000";
     assert_eq!(record.to_string(), text);
     let stall = |tasks| Stall { tasks, pc: 0x0802_1234, lr: 0xFFFF_FFE9 };
-    let stall = |tasks| stored(CrashRecord::stall(Some(record), stall(tasks)));
+    let stall = |tasks| stored(CrashRecord::of(Some(record), CrashKind::Stall(stall(tasks))));
     let text = "watchdog 2 since power-on, pc 08021234, lr ffffffe9, stalled:";
     assert_eq!(stall(0b1010).to_string(), format!("{text} infer services"));
     assert_eq!(stall(0).to_string(), format!("{text} all that look"));
     let start = Start { cause: ResetCause::Watchdog, crash: Some(stall(0b1010)) };
     assert_eq!(start.numbers(), [5, 3, 0x0802_1234, 0xFFFF_FFE9, 0b1010, 0]);
-    let clock = stored(CrashRecord::no_clock(None, 25_000_000));
+    let clock = stored(CrashRecord::of(None, CrashKind::NoClock(25_000_000)));
     assert_eq!(clock.to_string(), "start 1 since power-on without its clock, 25000000 Hz found");
 }
 

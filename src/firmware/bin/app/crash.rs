@@ -12,7 +12,7 @@ use cortex_m::peripheral::{SCB, SYST};
 use cortex_m_rt::{ExceptionFrame, exception};
 use defmt::{Display2Format, error};
 use embassy_stm32::pac;
-use slipsense::board::crash_record::{CRASH_WORDS, CrashRecord, Fault, ResetCause, Stall, Start};
+use slipsense::board::crash_record::{CRASH_WORDS, CrashKind, CrashRecord, Fault, ResetCause, Stall, Start};
 use slipsense::firmware::shared::SHARED;
 use slipsense::tasks::StallWatch;
 
@@ -60,7 +60,8 @@ pub fn start() -> Start {
         _ if fresh => last(),
         ResetCause::Watchdog => {
             let [tasks, pc, lr] = stalled;
-            let record = CrashRecord::stall(last(), Stall { tasks: tasks as u8, pc, lr });
+            let stall = Stall { tasks: tasks as u8, pc, lr };
+            let record = CrashRecord::of(last(), CrashKind::Stall(stall));
             keep(&record);
             Some(record)
         }
@@ -114,7 +115,7 @@ unsafe extern "C" fn look(frame: *const ExceptionFrame) {
 
 /// The start found no clock: see [`slipsense::firmware::wait_for_the_clock`]. For the start that follows.
 pub fn no_clock(found_hz: u32) {
-    keep_first(|| CrashRecord::no_clock(last(), found_hz));
+    keep_first(|| CrashRecord::of(last(), CrashKind::NoClock(found_hz)));
 }
 
 /// What the RAM holds; `None` after power-on and where nothing crashed since.
@@ -170,6 +171,6 @@ unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
     };
     let fault = Fault { pc: frame.pc(), lr: frame.lr(), cfsr, address };
     // Not into the log, whose depth the stack has no room for on top of all else: the next start says it.
-    keep_first(|| CrashRecord::fault(last(), fault));
+    keep_first(|| CrashRecord::of(last(), CrashKind::Fault(fault)));
     SCB::sys_reset()
 }

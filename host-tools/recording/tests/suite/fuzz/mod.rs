@@ -14,7 +14,7 @@ use mcap::records::MessageHeader;
 use proptest::prelude::*;
 use proptest::sample::Index;
 use sha2::{Digest, Sha256};
-use slipsense::board::crash_record::{CRASH_WORDS, CrashRecord, Fault};
+use slipsense::board::crash_record::{CRASH_WORDS, CrashKind, CrashRecord, Fault};
 use slipsense::calibration::{Calibration, GAIN_MAX, RECORD_BYTES, Trim};
 use slipsense::net::format::{Dims, HASH_BYTES};
 use slipsense::net::{Aligned, Model, ModelError};
@@ -416,7 +416,8 @@ fn calibrations() {
 #[test]
 fn crash_records() {
     let panic = CrashRecord::new(None, "a reason", "src/tasks/infer.rs", 7);
-    let records = [panic, CrashRecord::fault(Some(panic), Fault::default()), CrashRecord::no_clock(None, 8)];
+    let [fault, clock] = [CrashKind::Fault(Fault::default()), CrashKind::NoClock(8)];
+    let records = [panic, CrashRecord::of(Some(panic), fault), CrashRecord::of(None, clock)];
     let corpus = records.map(|record| record.to_words().iter().flat_map(|word| word.to_le_bytes()).collect());
     // FNV-1a.
     let fnv = |bytes: &[u8]| {

@@ -149,29 +149,22 @@ pub struct Progress {
 /// How a measurement stands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
+#[expect(missing_docs, reason = "the names say it, those of a [`Refusal`] too")]
 pub enum State {
     /// There was none since start.
     #[default]
     None = 0,
-    /// It goes on.
     Measuring = 1,
     /// It is stored and in force.
     Done = 2,
-    /// Refused: [`Refusal::Touched`].
     Touched = 3,
-    /// Refused: [`Refusal::Faulty`].
     Faulty = 4,
-    /// Refused: [`Refusal::TooShort`].
     TooShort = 5,
     /// The flash refused it.
     NotStored = 6,
     /// A gain would be 0, or 2 and more.
     Gain = 7,
 }
-
-/// Bytes that are no record of a calibration, or no longer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct RecordError;
 
 const FORMAT: u8 = 1;
 const ID_BYTES: usize = 4;
@@ -286,13 +279,13 @@ impl Calibration {
         }
     }
 
-    /// Take a stored record. After an error the values are nominal.
-    pub fn decode(&mut self, record: &[u8]) -> Result<(), RecordError> {
-        let taken = self.take(record);
-        if taken.is_none() {
+    /// Take a stored record. `false`: it is none, or no longer, and the values are nominal.
+    pub fn decode(&mut self, record: &[u8]) -> bool {
+        let taken = self.take(record).is_some();
+        if !taken {
             self.set_nominal();
         }
-        taken.ok_or(RecordError)
+        taken
     }
 
     #[inline(never)]

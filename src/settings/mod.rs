@@ -1,8 +1,6 @@
-//! What can be set, and how it survives a power cut.
-//!
-//! [`TABLE`] defines every setting once. [`Settings`] holds a valid value of each: nothing else can get into
-//! it. [`SettingsStore`] keeps one whole configuration in flash, so that after a power cut at any moment
-//! either the old or the new one is found, never a mixture.
+//! What can be set, and how it survives a power cut. [`TABLE`] defines every setting once, [`Settings`] holds a valid
+//! value of each, and [`SettingsStore`] keeps one whole configuration in flash: after a power cut at any moment either
+//! the old or the new one is found, never a mixture.
 
 mod encoding;
 mod store;
@@ -32,14 +30,24 @@ pub struct Settings {
 
 /// Why a value was not taken: the setting's register, what was found, what is allowed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[expect(missing_docs, reason = "the fields are named after what they are")]
+#[expect(missing_docs, reason = "the fields are named after what they are, and the text says it")]
 pub enum SettingError {
-    /// Another number of elements.
-    Elements { name: &'static str, expected: usize, found: usize },
+    Elements {
+        name: &'static str,
+        expected: usize,
+        found: usize,
+    },
     /// An element, counted from 0, is out of its range.
-    Element { name: &'static str, index: usize, value: i64, rule: Rule },
-    /// Each element is allowed, all together are not.
-    Together { name: &'static str, rule: &'static str },
+    Element {
+        name: &'static str,
+        index: usize,
+        value: i64,
+        rule: Rule,
+    },
+    Together {
+        name: &'static str,
+        rule: &'static str,
+    },
 }
 
 impl fmt::Display for SettingError {
@@ -57,12 +65,6 @@ impl fmt::Display for SettingError {
 }
 
 impl core::error::Error for SettingError {}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self::new()
-    }
-}
 
 /// The numbers of [`Setting::ExpectedModel`] for a model of this hash: its first eight bytes, big-endian.
 pub fn model_numbers(hash: &[u8; HASH_BYTES]) -> [u32; 2] {
@@ -104,6 +106,11 @@ impl Settings {
         self.get(setting).first().copied().unwrap_or(0)
     }
 
+    /// Is this setting, of [`Kind::Bit`], on?
+    pub fn is_on(&self, setting: Setting) -> bool {
+        self.first(setting) != 0
+    }
+
     /// Address on the bus; `None`: ask for one.
     pub fn node_id(&self) -> Option<NodeId> {
         u8::try_from(self.first(Setting::NodeId)).ok().and_then(NodeId::new)
@@ -127,14 +134,9 @@ impl Settings {
         self.first(Setting::RawDivider) as u32
     }
 
-    /// Do raw frames go out compressed?
-    pub fn compress_raw(&self) -> bool {
-        self.first(Setting::CompressRaw) != 0
-    }
-
     /// The flag's operating point, where it is not the model's.
     pub fn operating_point(&self) -> Option<OperatingPoint> {
-        if self.first(Setting::PointOverride) == 0 {
+        if !self.is_on(Setting::PointOverride) {
             return None;
         }
         match *self.get(Setting::OperatingPoint) {
@@ -170,27 +172,12 @@ impl Settings {
         mask
     }
 
-    /// Does the node follow the bus time?
-    pub fn time_sync(&self) -> bool {
-        self.first(Setting::TimeSync) != 0
-    }
-
-    /// Does the node start locked?
-    pub fn locks(&self) -> bool {
-        self.first(Setting::Lock) != 0
-    }
-
     /// As [`model_numbers`] gives them: the model that must run; `None`: any may.
     pub fn expected_model(&self) -> Option<[u32; 2]> {
         match *self.get(Setting::ExpectedModel) {
             [first, second] if [first, second] != [0, 0] => Some([first as u32, second as u32]),
             _ => None,
         }
-    }
-
-    /// Does a node without address ask for one?
-    pub fn plug_and_play(&self) -> bool {
-        self.first(Setting::PlugAndPlay) != 0
     }
 }
 

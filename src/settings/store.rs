@@ -35,12 +35,10 @@ pub const SCRATCH: Scratch = [0; SCRATCH_BYTES];
 
 /// Where settings came from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the text of a [`LoadReport`] says it")]
 pub enum Origin {
-    /// From flash.
     Stored,
-    /// The flash is blank: the defaults.
     Blank,
-    /// The flash holds something, but no readable configuration: the defaults.
     Damaged,
     /// The flash could not be read: the defaults.
     Unreadable,
@@ -245,7 +243,7 @@ impl<F: NorFlash, B: BorrowMut<Scratch>> SettingsStore<F, B> {
         let key = KEY + 1 + connector as u8;
         match self.map.fetch_item::<&[u8]>(self.scratch.borrow_mut(), &key).await {
             Ok(None | Some([])) => true,
-            Ok(Some(record)) => calibration.decode(record).is_ok(),
+            Ok(Some(record)) => calibration.decode(record),
             Err(_) => false,
         }
     }

@@ -9,38 +9,24 @@ use crate::wire::NodeId;
 /// one that is gone is never used again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
+#[expect(missing_docs, reason = "the table says what each is")]
 pub enum Setting {
     /// Address on the bus, or [`NODE_ID_UNSET`].
     NodeId = 0,
-    /// Bit rates of arbitration and data phase.
     BitRates = 1,
-    /// Sensors in use.
     Sensors = 2,
-    /// Which frames go out raw.
     RawDivider = 3,
-    /// Whether [`Setting::OperatingPoint`] replaces the model's.
     PointOverride = 4,
-    /// Threshold, k and n of the flag.
     OperatingPoint = 5,
-    /// Connector of each sensor.
     SensorOrder = 6,
-    /// How each array is mounted.
     Orientation = 7,
-    /// Taxels of sensor 0 that are ignored.
     TaxelMask0 = 8,
-    /// Taxels of sensor 1 that are ignored.
     TaxelMask1 = 9,
-    /// Taxels of sensor 2 that are ignored.
     TaxelMask2 = 10,
-    /// Whether the node follows the bus time.
     TimeSync = 11,
-    /// Whether a node without address asks for one.
     PlugAndPlay = 12,
-    /// Whether raw frames go out compressed.
     CompressRaw = 13,
-    /// Whether the node starts locked.
     Lock = 14,
-    /// Hash of the model that must run.
     ExpectedModel = 15,
 }
 
@@ -112,8 +98,7 @@ pub enum Effect {
 /// A rule that elements keep together; the text is what the numbers must be.
 pub type Together = (fn(&[i64]) -> bool, &'static str);
 
-/// All there is to know about a setting. Every setting is mutable and persistent: it can be written on the
-/// bus and stored in flash.
+/// All there is to know about a setting. Every setting can be written on the bus and stored in flash.
 #[derive(Clone, Copy, Debug)]
 pub struct Definition {
     /// Which.

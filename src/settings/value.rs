@@ -5,24 +5,18 @@ pub const ELEMENTS_MAX: usize = 32;
 
 /// How the numbers of a setting or register are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the names say sign and bits")]
 pub enum Kind {
     /// Off or on, 0 or 1.
     Bit,
-    /// Signed, 64 bits.
     Integer64,
-    /// Signed, 32 bits.
     Integer32,
-    /// Signed, 16 bits.
     Integer16,
-    /// Signed, 8 bits.
     Integer8,
     /// Unsigned, 64 bits, of which 63 are used here.
     Natural64,
-    /// Unsigned, 32 bits.
     Natural32,
-    /// Unsigned, 16 bits.
     Natural16,
-    /// Unsigned, 8 bits.
     Natural8,
 }
 

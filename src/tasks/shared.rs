@@ -15,7 +15,7 @@ use crate::net::format::OperatingPoint;
 use crate::params::{FRAME_PERIOD_US, MAX_SENSORS};
 use crate::pipeline::Mountings;
 use crate::sensor::TaxelMask;
-use crate::settings::Settings;
+use crate::settings::{Setting, Settings};
 use crate::wire::{CanFrame, NodeId, RawTransfer};
 
 /// Raw messages that wait for the bus: two frame periods of three sensors.
@@ -68,7 +68,7 @@ impl RuntimeConfig {
             mountings: settings.orientation(),
             // A frame's rate, so that it fits.
             raw_every: settings.raw_divider() as u8,
-            compress_raw: settings.compress_raw(),
+            compress_raw: settings.is_on(Setting::CompressRaw),
             node,
             point: settings.operating_point(),
             expected_model: settings.expected_model(),

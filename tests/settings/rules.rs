@@ -115,7 +115,8 @@ fn stored_bytes_of_other_versions_are_read_as_far_as_they_go() {
     let (found, damage) = Settings::decode(&bytes[..bytes.len() - 11]);
     assert_eq!(damage, Damage { settings: 1 << Setting::ExpectedModel as u8, ..Damage::default() });
     assert_eq!(found.expected_model(), None);
-    let found = (found.node_id().map(|id| id.get()), found.plug_and_play(), found.locks());
+    let found =
+        (found.node_id().map(|id| id.get()), found.is_on(Setting::PlugAndPlay), found.is_on(Setting::Lock));
     assert_eq!(found, (Some(9), false, true));
     // A number that is not valid any more: the sensors.
     let at = bytes.windows(4).position(|window| window == [2, 1, 1, 1]).unwrap();

@@ -99,7 +99,7 @@ pub struct Node {
 impl Node {
     /// A node with settings as they were loaded. Its address is the one that is set.
     pub fn new(identity: Identity, settings: Settings) -> Self {
-        let lock = Lock::new(settings.locks(), identity.entropy);
+        let lock = Lock::new(settings.is_on(Setting::Lock), identity.entropy);
         Self {
             allocation: Allocation::new(identity.unique_id),
             id: settings.node_id(),
@@ -171,7 +171,7 @@ impl Node {
 
     /// Bus time at a moment of the local clock; `None` where no master was received, or the node does not follow.
     pub fn bus_time_us(&self, local_us: u64) -> Option<u64> {
-        let offset = self.time.offset_us.filter(|_| self.settings.time_sync())?;
+        let offset = self.time.offset_us.filter(|_| self.settings.is_on(Setting::TimeSync))?;
         local_us.checked_add_signed(offset)
     }
 
@@ -264,7 +264,7 @@ impl Node {
     }
 
     fn poll_allocation(&mut self, now_us: u64) -> u64 {
-        if !self.settings.plug_and_play() {
+        if !self.settings.is_on(Setting::PlugAndPlay) {
             return now_us.saturating_add(HEARTBEAT_PERIOD_US);
         }
         if let Some((id, payload)) = self.allocation.poll(now_us) {
@@ -273,9 +273,8 @@ impl Node {
         self.allocation.next_us.unwrap_or(now_us)
     }
 
-    /// What a controller's acceptance filters may let through and keep the raw frames of other fingertips away:
-    /// pairs of identifier and mask, a frame passes if `id & mask == identifier` for one of them. They change
-    /// with the address alone.
+    /// What a controller's acceptance filters let through, so that the raw frames of others stay away: pairs of identifier
+    /// and mask, a frame passes if `id & mask == identifier` for one of them. They change with the address alone.
     pub fn filters(&self) -> heapless::Vec<(u32, u32), 4> {
         const SERVICE: u32 = 1 << 25;
         const ANONYMOUS: u32 = 1 << 24;
@@ -359,8 +358,8 @@ impl Node {
     fn wants(&self, id: TransferId) -> bool {
         match id {
             TransferId::Message(id) => match id.port {
-                TIME_PORT => self.settings.time_sync(),
-                ALLOCATION_PORT => self.id.is_none() && self.settings.plug_and_play(),
+                TIME_PORT => self.settings.is_on(Setting::TimeSync),
+                ALLOCATION_PORT => self.id.is_none() && self.settings.is_on(Setting::PlugAndPlay),
                 _ => false,
             },
             TransferId::Service(id) if self.id == Some(id.destination) => match id.role {

@@ -163,7 +163,7 @@ fn values_of_every_kind_decode() {
     let value = Value::Bit(bit_1_0::Bit { value: bits });
     let Value::Bit(array) = access(&mut node, 3, "slipsense.pnp", value).value else { panic!() };
     assert_eq!((array.value.len(), array.value.get(0)), (1, false));
-    assert!(!node.settings().plug_and_play());
+    assert!(!node.settings().is_on(Setting::PlugAndPlay));
 
     let empty = || Value::Empty(Empty {});
     let Value::Unstructured(hash) = access(&mut node, 4, "slipsense.model.hash", empty()).value else {

@@ -56,6 +56,7 @@ use slipsense::firmware::shared::{
     ACQUISITION, FrameReceiver, FrameSender, RawReceiver, SHARED, Uptime, frame_queue, raw_queue,
 };
 use slipsense::params::FRAME_RATE_HZ;
+use slipsense::settings::Setting;
 use slipsense::tasks::{self, RuntimeConfig, Transmission};
 use slipsense::update::partitions::NUCLEO_H743ZI2;
 use static_cell::StaticCell;
@@ -143,7 +144,7 @@ fn make(hardware: Hardware) -> Tasks {
     let (can, can_rx, inbox) =
         CanBus::start(hardware.fdcan, hardware.can_rx, hardware.can_tx, data_bit_rate, mode);
     let (raw_sender, raw_receiver) = raw_queue();
-    SHARED.set_config(RuntimeConfig::new(&settings, settings.node_id(), settings.locks()));
+    SHARED.set_config(RuntimeConfig::new(&settings, settings.node_id(), settings.is_on(Setting::Lock)));
     let floor = services::model_floor(&mut store);
     let (model, from) = updates::find_model(flash, floor);
     let updates = Updates::find(flash, from, floor);

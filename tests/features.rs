@@ -57,8 +57,10 @@ fn highpass_f64(x: &[f64]) -> Vec<f64> {
     x.iter().map(step).collect()
 }
 
-/// Bins 0 to 64 of the defining sum.
-fn dft_f64(x: &[f64]) -> Vec<(f64, f64)> {
+/// Bins 0 to 64 of the defining sum under the Hann window.
+fn dft_f64(x: impl IntoIterator<Item = f64>) -> Vec<(f64, f64)> {
+    let hann = |n: usize| 0.5 - 0.5 * (2.0 * PI * n as f64 / XL_WINDOW as f64).cos();
+    let x: Vec<f64> = x.into_iter().enumerate().map(|(n, x)| x * hann(n)).collect();
     let bin = |k: usize| {
         x.iter().enumerate().fold((0.0, 0.0), |(re, im), (n, &x)| {
             let angle = -2.0 * PI * (k * n % XL_WINDOW) as f64 / XL_WINDOW as f64;
@@ -68,16 +70,12 @@ fn dft_f64(x: &[f64]) -> Vec<(f64, f64)> {
     (0..FFT_BINS).map(bin).collect()
 }
 
-fn hann_f64(n: usize) -> f64 {
-    0.5 - 0.5 * (2.0 * PI * n as f64 / XL_WINDOW as f64).cos()
-}
-
 fn log_mel_f64(samples: &[[f64; 3]]) -> [f64; MEL_BINS] {
     let mut power = [0.0; FFT_BINS];
     for axis in 0..3 {
         let filtered = highpass_f64(&samples.iter().map(|s| s[axis]).collect::<Vec<_>>());
-        let window = filtered[filtered.len() - XL_WINDOW..].iter().enumerate().map(|(n, &y)| y * hann_f64(n));
-        for (power, (re, im)) in power.iter_mut().zip(dft_f64(&window.collect::<Vec<_>>())) {
+        let window = filtered[filtered.len() - XL_WINDOW..].iter().copied();
+        for (power, (re, im)) in power.iter_mut().zip(dft_f64(window)) {
             *power += re * re + im * im;
         }
     }
@@ -185,8 +183,7 @@ fn window_and_fft_keep_their_signal_to_noise() {
                 .map(|n| (amplitude * (2.0 * PI * tenth_bin as f64 * n as f64 / 1280.0 + 0.3).sin()).round())
                 .collect();
             signal.iter().for_each(|&x| ring.push((x as i32) << FILTERED_FRAC_BITS));
-            let windowed: Vec<f64> = signal.iter().enumerate().map(|(n, &x)| x * hann_f64(n)).collect();
-            worst = worst.min(snr_db(&spectrum(&ring), &dft_f64(&windowed), 256.0 * FFT_GAIN));
+            worst = worst.min(snr_db(&spectrum(&ring), &dft_f64(signal), 256.0 * FFT_GAIN));
         }
         println!("window and FFT, amplitude {amplitude} LSB: {worst:.1} dB over 635 tones");
         assert!(worst >= least_db, "{worst} dB");
@@ -203,10 +200,9 @@ fn nothing_overflows_at_the_largest_filtered_samples() {
                 let phase = 2.0 * PI * (bin * n % XL_WINDOW) as f64 / XL_WINDOW as f64 + quadrature;
                 ring.push(if phase.cos() >= 0.0 { FILTERED_MAX } else { -FILTERED_MAX });
             }
-            let windowed: Vec<f64> =
-                ring.latest().iter().enumerate().map(|(n, &x)| x as f64 * hann_f64(n)).collect();
+            let exact = dft_f64(ring.latest().iter().map(|&x| f64::from(x)));
             // From Q14 to Q8.
-            assert!(snr_db(&spectrum(&ring), &dft_f64(&windowed), FFT_GAIN / 64.0) > 130.0, "bin {bin}");
+            assert!(snr_db(&spectrum(&ring), &exact, FFT_GAIN / 64.0) > 130.0, "bin {bin}");
             let (mut power, mut work) = ([0; FFT_BINS], Work::default());
             (0..3).for_each(|_| add_power(&mut power, ring.latest(), &mut work));
             assert!(power[1..FFT_BINS - 1].iter().sum::<u64>() < 5 << 60);

@@ -5,13 +5,10 @@
 //! was at hand, and no part: nothing here has met hardware.
 //!
 //! Each FIFO entry is read as three bytes, the axis and the value, so that every sample proves its own alignment.
-//! That costs a third of the bus time and saves knowing how the part drops entries when it overflows.
+//! That costs a third of the bus time and saves knowing how the part drops entries when it overflows. The whole FIFO
+//! is read in one burst, as Linux does.
 //!
-//! The whole FIFO is read in one burst, as Linux does; Analog Devices' example reads 12 entries at a time after a data
-//! ready bit, and does not say why.
-//!
-//! An overrun is seen by the level alone: a FIFO that keeps the newest entries and has dropped one is full until it
-//! is read, so the status bit would say nothing more.
+//! An overrun is seen by the level alone: a FIFO that keeps the newest entries and has dropped one is full until read.
 
 use embedded_hal_async::spi::SpiDevice;
 
@@ -50,15 +47,9 @@ pub const PART_ID: u16 = 380;
 pub const MISC0_XL382: u8 = 1 << 7;
 /// Resets the part when written to [`register::RESET`]; 0.5 ms until it answers again.
 pub const RESET_CODE: u8 = 0x52;
-/// X, Y, Z and the FIFO on, temperature off.
-pub const DIG_EN_XYZ_FIFO: u8 = 0b0111_1000;
-/// Channel identifiers on, stream mode: the newest entries stay.
-pub const FIFO_CFG0_STREAM: u8 = 1 << 6 | 2 << 4;
-/// High performance at the smallest range: ±4 g of the ADXL380, ±15 g of the ADXL382.
-pub const OP_MODE_HIGH_PERFORMANCE: u8 = 12;
 /// Entries from which on the FIFO counts as full: 105 samples.
 pub const FIFO_ENTRIES: u16 = 315;
-/// More entries than the FIFO has, by any of its descriptions (318 in Analog Devices' example).
+/// More than the FIFO has by any of its descriptions (318 in Analog Devices' example).
 const LEVEL_MAX: u16 = 318;
 /// Bytes of an entry: the axis in the low two bits of the first, then the value, high byte first.
 pub const ENTRY_BYTES: usize = 3;
@@ -87,8 +78,8 @@ pub struct Adxl38x<'b, SPI, const IS_382: bool> {
 
 impl<'b, SPI: SpiDevice, const IS_382: bool> Adxl38x<'b, SPI, IS_382> {
     /// SPI mode 0, at most 8 MHz.
-    pub const fn new(spi: SPI, buffer: &'b mut SpiBuffer) -> Self {
-        Self { registers: Registers::new(spi, buffer), framer: Framer::new() }
+    pub fn new(spi: SPI, buffer: &'b mut SpiBuffer) -> Self {
+        Self { registers: Registers::new(spi, buffer), framer: Framer::default() }
     }
 }
 
@@ -126,11 +117,14 @@ impl<SPI: SpiDevice, const IS_382: bool> Accelerometer for Adxl38x<'_, SPI, IS_3
 
     /// In standby, which the part is in after a reset: other registers may be written in no other mode.
     async fn configure(&mut self) -> Result<(), XlFault> {
-        self.framer = Framer::new();
+        self.framer = Framer::default();
         for (register, value) in [
-            (register::DIG_EN, DIG_EN_XYZ_FIFO),
-            (register::FIFO_CFG0, FIFO_CFG0_STREAM),
-            (register::OP_MODE, OP_MODE_HIGH_PERFORMANCE),
+            // X, Y, Z and the FIFO on, temperature off.
+            (register::DIG_EN, 0b0111_1000),
+            // Channel identifiers on, stream mode: the newest entries stay.
+            (register::FIFO_CFG0, 1 << 6 | 2 << 4),
+            // High performance at the smallest range.
+            (register::OP_MODE, 12),
         ] {
             self.registers.set(register, [write(register), read(register)], value).await?;
         }
@@ -149,7 +143,7 @@ impl<SPI: SpiDevice, const IS_382: bool> Accelerometer for Adxl38x<'_, SPI, IS_3
         let mut fifo = FifoStatus { overrun: level >= FIFO_ENTRIES, resyncs: 0 };
         if fifo.overrun {
             // What there was of a sample has lost its other half.
-            self.framer = Framer::new();
+            self.framer = Framer::default();
         }
         if level == 0 {
             return Ok(fifo);
@@ -190,11 +184,6 @@ pub struct Framer {
 }
 
 impl Framer {
-    /// Before the first entry.
-    pub const fn new() -> Self {
-        Self { partial: [0; XL_AXES], next: 0, broken: false }
-    }
-
     /// Take one entry; every third ends a sample. After an axis that was not the next, what there was of the sample
     /// is thrown away, and the next x begins another. A break is one error, however many entries it swallows.
     pub fn push(&mut self, [axis, high, low]: [u8; ENTRY_BYTES]) -> Result<Option<XlSample>, OutOfStep> {

@@ -2,7 +2,7 @@
 //! offsets follow a slow drift, finds the taxels that are stuck, and detects when the whole array is dead.
 
 use crate::calibration::{CODE_BITS, Calibration};
-use crate::params::{CONTACT_SUM_MIN, COUNT_MAX, FRAME_RATE_HZ, MAX_SENSORS, TAXEL_COLS, TAXEL_ROWS, TAXELS};
+use crate::params::{CONTACT_SUM_MIN, COUNT_MAX, FRAME_RATE_HZ, MAX_SENSORS, TAXEL_COLS, TAXEL_ROWS};
 use crate::sensor::{PiezoFrame, TaxelMask, active_cols};
 
 /// Frames that all taxels must agree for the array to be dead: 100 ms.
@@ -32,12 +32,6 @@ const _: () =
     assert!(TAXEL_ROWS.is_power_of_two() && TAXEL_COLS.is_power_of_two(), "to flip is to invert bits");
 
 impl Mounting {
-    /// Where on the pad the taxel of this slot is, row-major.
-    pub const fn place(self, slot: usize) -> usize {
-        let (rows, cols) = self.flips();
-        (slot % TAXELS) ^ (rows * TAXEL_COLS + cols)
-    }
-
     /// Bits of a row's and of a column's number that differ on the pad.
     const fn flips(self) -> (usize, usize) {
         let rows = if self.rows_flipped { TAXEL_ROWS - 1 } else { 0 };
@@ -58,11 +52,11 @@ impl Mounting {
 /// **Dead** is an array of which, for [`DEAD_FRAMES`] frames, all taxels read the same code, or all are at a rail: live
 /// taxels differ by their noise. It is alive again with the first frame that shows otherwise.
 ///
-/// **Stuck** is a taxel that reads exactly the same code in [`STUCK_FRAMES`] frames although it had a noise of
-/// [`LIVE_NOISE`] when it was calibrated: a motionless grasp goes on scattering. One row is looked at after the other,
-/// so it takes up to 10.7 s to be found, and as long to count as live again once it moves. At the upper rail, where
-/// nothing scatters, a taxel is judged only while nothing else touches the pad: a firm grasp may hold it there for as
-/// long. Where a whole row stands still, the scan does, and no taxel is blamed.
+/// **Stuck** is a taxel that reads the same code in [`STUCK_FRAMES`] frames although it had a noise of [`LIVE_NOISE`]
+/// when it was calibrated: a motionless grasp goes on scattering. One row is looked at after the other, so it takes up to
+/// 10.7 s to be found, and as long to count as live again. At the upper rail, where nothing scatters, a taxel is judged
+/// only while nothing else touches the pad: a firm grasp may hold it there. Where a whole row stands still, the scan
+/// does, and no taxel is blamed.
 ///
 /// **Offsets follow** a slow drift of a calibrated array while the pad is untouched, [`QUIET_FRAMES`] after the last
 /// contact: each frame those of the row that is looked at, by 1/8 code, which is 0.94 codes a second at most.

@@ -20,12 +20,10 @@ use crate::settings::{Scratch, SettingsStore, StoreError};
 
 /// Why a measurement did not become a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the text says it")]
 pub enum Failure {
-    /// By what was measured.
     Refused(Refusal),
-    /// The flash did not take it.
     NotStored(StoreError),
-    /// A gain would be 0, or 2 and more.
     Gain,
 }
 
@@ -53,13 +51,13 @@ pub struct Commissioning<'l, M: RawMutex> {
 
 impl<'l, M: RawMutex> Commissioning<'l, M> {
     /// For arrays that are calibrated as `summaries` say; `connectors`: where each is plugged in.
-    pub const fn new(
+    pub fn new(
         link: &'l SensorLink<'l, M>,
         bench: &'l mut Bench,
         connectors: heapless::Vec<usize, MAX_SENSORS>,
         summaries: [Summary; MAX_SENSORS],
     ) -> Self {
-        let progress = Progress { sensor: 0, state: State::None, frames: 0, wanted: 0, at: (0, 0) };
+        let progress = Progress::default();
         Self { link, bench: Some(bench), request: None, connectors, progress, summaries }
     }
 

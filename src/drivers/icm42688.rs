@@ -38,12 +38,8 @@ pub mod register {
     pub const WHO_AM_I: u8 = 0x75;
     /// Bank of all registers but this.
     pub const REG_BANK_SEL: u8 = 0x76;
-    /// Anti-alias filter, in bank 2.
-    pub const ACCEL_CONFIG_STATIC2: u8 = 0x03;
-    /// Goes on.
-    pub const ACCEL_CONFIG_STATIC3: u8 = 0x04;
-    /// Goes on.
-    pub const ACCEL_CONFIG_STATIC4: u8 = 0x05;
+    /// Anti-alias filter, ACCEL_CONFIG_STATIC2 to 4, in bank 2.
+    pub const ACCEL_CONFIG_STATIC: [u8; 3] = [3, 4, 5];
 }
 
 /// What [`register::WHO_AM_I`] reads.
@@ -76,9 +72,9 @@ const SETTINGS: [(u8, u8); 9] = [
     (register::FIFO_CONFIG, 1 << 6),
     // Anti-alias filter at its widest, 3979 Hz: DELT 63, DELTSQR 3968, BITSHIFT 3 (5.3); it is 258 Hz otherwise.
     (register::REG_BANK_SEL, BANK_2),
-    (register::ACCEL_CONFIG_STATIC2, 63 << 1),
-    (register::ACCEL_CONFIG_STATIC3, (3968 & 0xff) as u8),
-    (register::ACCEL_CONFIG_STATIC4, 3 << 4 | (3968 >> 8) as u8),
+    (register::ACCEL_CONFIG_STATIC[0], 63 << 1),
+    (register::ACCEL_CONFIG_STATIC[1], (3968 & 0xff) as u8),
+    (register::ACCEL_CONFIG_STATIC[2], 3 << 4 | (3968 >> 8) as u8),
 ];
 /// Accelerometer in low-noise mode, gyroscope off (14.36).
 const XL_LOW_NOISE: u8 = 3;

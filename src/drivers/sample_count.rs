@@ -7,10 +7,9 @@ const TOLERANCE_PERCENT: u64 = 5;
 
 /// Counts the samples of one part, in its native rate.
 ///
-/// While reads follow each other without a gap the count is the number of samples read, exactly, and the part's rate
-/// is measured against the board's clock over stretches of a second, because its oscillator is its own. Over a gap
-/// the count is carried on by that rate from the last read before it: off by at most one sample plus the drift of the
-/// rate, 125 ppm of the gap where it was measured and up to 3 % where it never was.
+/// While reads follow each other without a gap the count is the number of samples read, and the part's rate is measured
+/// over stretches of a second, because its oscillator is its own. Over a gap the count is carried on by that rate: off
+/// by at most one sample plus 125 ppm of the gap where the rate was measured, and up to 3 % where it never was.
 #[derive(Clone, Copy, Debug)]
 pub struct SampleCount {
     nominal_hz: u32,

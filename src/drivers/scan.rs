@@ -27,9 +27,8 @@ pub const fn address_word(taxel: usize, first_pin: u32) -> u32 {
     high << first_pin | (!high & LINES) << (first_pin + 16)
 }
 
-/// What DMA writes to the port, one word at the end of each slot, over and over: word k is the address of taxel k+1,
-/// because the slot that it begins is the next one. Before the first slot, taxel 0 must be addressed by
-/// [`address_word`].
+/// What DMA writes to the port, one word at the end of each slot, over and over: word k is the address of taxel k+1, whose
+/// slot it begins. Before the first slot, taxel 0 must be addressed by [`address_word`].
 pub const fn address_table(first_pin: u32) -> [u32; TAXELS] {
     let mut table = [0; TAXELS];
     let mut slot = 0;
@@ -40,18 +39,14 @@ pub const fn address_table(first_pin: u32) -> [u32; TAXELS] {
     table
 }
 
-/// Times of the front end, ns, as its simulation has them (`cargo xtask front-end`): requirements on a board, not
-/// measured.
-pub mod front_end {
-    /// From the timer's update to the new address on the pins: DMA at the highest priority on a busy bus.
-    pub const DMA_NS: u32 = 200;
-    /// From the address on the pins until the reading is within half a count of 4096: the slowest transition between
-    /// any two taxels, one at full scale and one untouched, at the worst of its capacitances, rounded up.
-    pub const ANALOG_NS: u32 = 1_750;
-}
-
+/// From the timer's update to the new address on the pins: DMA at the highest priority on a busy bus. As the next, a
+/// requirement on a board, from the simulation of the front end (`cargo xtask front-end`), not measured.
+pub const DMA_NS: u32 = 200;
+/// From the address on the pins until the reading is within half a count of 4096: the slowest transition between
+/// any two taxels, one at full scale and one untouched, at the worst of its capacitances, rounded up.
+pub const ANALOG_NS: u32 = 1_750;
 /// From the timer's update until every input is within half a count, ns.
-pub const SETTLING_NS: u32 = front_end::DMA_NS + front_end::ANALOG_NS;
+pub const SETTLING_NS: u32 = DMA_NS + ANALOG_NS;
 
 /// ADC clock cycles, in halves (RM0433, ADC timing): trigger to start of sampling, at most.
 const LATENCY_HALF_CYCLES: u64 = 2 * 4;
@@ -114,7 +109,7 @@ impl SlotTiming {
     /// ends in the next slot, fetched, and is the ADC not triggered yet?
     pub const fn is_settling(&self, ticks: u32) -> bool {
         let converted_ns = self.trigger_ns() + self.adc_ns(self.sequence_half_cycles());
-        let quiet_ns = converted_ns.saturating_sub(self.slot_ns()) + front_end::DMA_NS;
+        let quiet_ns = converted_ns.saturating_sub(self.slot_ns()) + DMA_NS;
         let quiet_ticks = (quiet_ns as u64 * self.timer_hz as u64 / 1_000_000_000) as u32;
         ticks > quiet_ticks && ticks < self.trigger_ticks
     }

@@ -86,12 +86,6 @@ impl Bench {
     }
 }
 
-impl Default for Bench {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// What the sensors do with the bench.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Job {

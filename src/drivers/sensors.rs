@@ -30,10 +30,9 @@ pub struct Sensors<'l, M: RawMutex, T, A> {
 
 /// One fingertip.
 #[derive(Debug)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub struct Sensor<'l, A> {
-    /// Its array.
     pub array: Array<'l>,
-    /// Its accelerometer.
     pub xl: XlMonitor<A>,
 }
 

@@ -87,11 +87,6 @@ impl<A: Accelerometer> XlMonitor<A> {
         &self.count
     }
 
-    /// The part itself.
-    pub const fn part(&mut self) -> &mut A {
-        &mut self.part
-    }
-
     /// Index of the sample after the last one delivered, counted since the first tick, wraps.
     pub const fn xl_end(&self) -> u32 {
         (self.count.total() / A::PART.decimation as u64) as u32

@@ -9,8 +9,8 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::board::{FrameSource, SensorFrame, TaxelScan};
-use slipsense::calibration::{BLOCK_FRAMES, Calibration, Measurement, Refusal, Request, State, What};
-use slipsense::drivers::array::{Array, Mounting};
+use slipsense::calibration::{BLOCK_FRAMES, Calibration, Refusal, Request, State, What};
+use slipsense::drivers::array::Array;
 use slipsense::drivers::{Bench, Commissioning, Failure, SensorLink, Sensors};
 use slipsense::params::{ACTIVE_TAXELS, CONTACT_SUM_MIN, FRAME_RATE_HZ, TAXEL_COLS, TAXELS};
 use slipsense::pipeline::FrameStamp;
@@ -18,7 +18,7 @@ use slipsense::sensor::PiezoFrame;
 use slipsense::settings::{SCRATCH, SettingsStore};
 use slipsense::transfer::{HALF_CODE, IDLE_CODE};
 
-use super::fake::{Kind, Part, nominal, sensor};
+use super::fake::{Kind, Part, measured, nominal, sensor};
 use crate::on_pad;
 use crate::update::flash::Cells;
 
@@ -96,11 +96,9 @@ impl Pad {
     }
 
     fn calibrate(&mut self) -> Box<Calibration> {
-        let (mut measurement, mut calibration) = (Box::new(Measurement::new()), nominal());
-        for frame in 0..SECONDS * BLOCK_FRAMES {
-            measurement.add(self.scan(f64::from(frame) / 240.0, None), 0, 1);
-        }
-        measurement.evaluate(&Mounting::default().pad(), &mut calibration).expect("untouched");
+        let scan = |frame| self.scan(f64::from(frame) / 240.0, None).to_vec();
+        let (calibration, result) = measured(SECONDS * BLOCK_FRAMES, scan);
+        result.expect("untouched");
         calibration
     }
 }
@@ -202,23 +200,17 @@ fn a_touched_pad_is_refused_and_the_taxel_named() {
     let touch = press(20.0, 3.0);
     for seed in 0..5 {
         let mut pad = Pad::new(seed);
-        let (mut measurement, mut calibration) = (Box::new(Measurement::new()), nominal());
-        for frame in 0..SECONDS * BLOCK_FRAMES {
-            let load = (700..1_000).contains(&frame).then_some(&touch[..]);
-            measurement.add(pad.scan(0.0, load), 0, 1);
-        }
-        let found = measurement.evaluate(&Mounting::default().pad(), &mut calibration);
+        let load = |frame| (700..1_000).contains(&frame).then_some(&touch[..]);
+        let (calibration, found) =
+            measured(SECONDS * BLOCK_FRAMES, |frame| pad.scan(0.0, load(frame)).to_vec());
         let Err(Refusal::Touched { row, col }) = found else { panic!("{found:?}") };
         assert!((12..20).contains(&row) && (12..20).contains(&col), "row {row}, column {col}");
         assert_eq!(calibration, nominal(), "unchanged");
     }
-    let mut calibration = nominal();
-    let found = Measurement::new().evaluate(&Mounting::default().pad(), &mut calibration);
-    assert_eq!(found, Err(Refusal::TooShort));
-    let mut dead = Box::new(Measurement::new());
-    (0..BLOCK_FRAMES).for_each(|_| dead.add(&[IDLE_CODE; TAXELS], 0, 1));
+    let dead = |_| vec![IDLE_CODE; TAXELS];
+    assert_eq!(measured(0, dead).1, Err(Refusal::TooShort));
     let all = Refusal::Faulty { count: ACTIVE_TAXELS as u16, row: 0, col: 5 };
-    assert_eq!(dead.evaluate(&Mounting::default().pad(), &mut calibration), Err(all));
+    assert_eq!(measured(BLOCK_FRAMES, dead).1, Err(all));
 }
 
 #[test]

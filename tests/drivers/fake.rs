@@ -6,9 +6,9 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 
 use embedded_hal_async::spi::{ErrorKind, ErrorType, Operation, SpiDevice};
-use slipsense::calibration::Calibration;
-use slipsense::drivers::array::Array;
-use slipsense::drivers::{Adxl380, SPI_BUFFER_BYTES, Sensor, XlMonitor};
+use slipsense::calibration::{Calibration, Measurement, Refusal};
+use slipsense::drivers::array::{Array, Mounting};
+use slipsense::drivers::{Adxl380, SPI_BUFFER_BYTES, Sensor, SpiBuffer, XlMonitor};
 use slipsense::sensor::XlSample;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,8 +43,12 @@ pub struct Part {
     pub transfers: u32,
 }
 
+pub fn buffer() -> &'static mut SpiBuffer {
+    Box::leak(Box::new([0; SPI_BUFFER_BYTES]))
+}
+
 pub fn adxl380(part: &Rc<RefCell<Part>>) -> Adxl380<'static, Wire> {
-    Adxl380::new(Wire(part.clone()), Box::leak(Box::new([0; SPI_BUFFER_BYTES])))
+    Adxl380::new(Wire(part.clone()), buffer())
 }
 
 /// A fingertip that is not calibrated, with this accelerometer.
@@ -56,6 +60,17 @@ pub fn nominal() -> Box<Calibration> {
     let mut calibration = Box::new(Calibration::zeroed());
     calibration.set_nominal();
     calibration
+}
+
+/// What these frames of one array, given their numbers, make of a nominal calibration.
+pub fn measured(
+    frames: u32,
+    mut scan: impl FnMut(u32) -> Vec<u16>,
+) -> (Box<Calibration>, Result<(), Refusal>) {
+    let (mut measurement, mut calibration) = (Box::new(Measurement::new()), nominal());
+    (0..frames).for_each(|frame| measurement.add(&scan(frame), 0, 1));
+    let result = measurement.evaluate(&Mounting::default().pad(), &mut calibration);
+    (calibration, result)
 }
 
 /// A sample that says its number: no two within 2^15 are alike.

@@ -5,10 +5,10 @@ use std::rc::Rc;
 
 use embassy_futures::block_on;
 use slipsense::board::{Accelerometer, FifoSamples, XlFault};
-use slipsense::drivers::{Adxl382, Icm42688, SPI_BUFFER_BYTES, XlBatch, XlCounters, XlMonitor};
+use slipsense::drivers::{Adxl382, Icm42688, XlBatch, XlCounters, XlMonitor};
 use slipsense::sensor::XlSample;
 
-use super::fake::{Kind, Part, Wire, Wires, adxl380, numbered};
+use super::fake::{Kind, Part, Wire, Wires, adxl380, buffer, numbered};
 
 /// Between two ticks, rounded down as the timer might.
 const TICK_US: u64 = 4_166;
@@ -90,12 +90,8 @@ impl<A: Accelerometer> Bench<A> {
     }
 }
 
-fn leak() -> &'static mut [u8; SPI_BUFFER_BYTES] {
-    Box::leak(Box::new([0; SPI_BUFFER_BYTES]))
-}
-
 fn icm42688(part: &Rc<RefCell<Part>>) -> Icm42688<'static, Wire> {
-    Icm42688::new(Wire(part.clone()), leak())
+    Icm42688::new(Wire(part.clone()), buffer())
 }
 
 fn fast(kind: Kind) -> Rc<RefCell<Part>> {
@@ -244,18 +240,18 @@ fn another_part_is_refused_by_name() {
 
 #[test]
 fn a_level_above_what_a_fifo_holds_is_a_fault() {
-    let mut samples = FifoSamples::new();
-    for (level, is_fault) in [(318, false), (319, true), (400, true)] {
-        let part = Part::new(Kind::Adxl380);
-        part.borrow_mut().fifo = vec![0; 3 * usize::from(level)].into();
-        let fault = block_on(adxl380(&part).drain(&mut samples)).err();
-        assert_eq!(fault == Some(XlFault::Level { level }), is_fault, "{level}: {fault:?}");
-    }
-    for (level, is_fault) in [(2_048, false), (2_049, true), (4_000, true)] {
-        let part = Part::new(Kind::Icm42688);
-        part.borrow_mut().fifo = vec![0; usize::from(level)].into();
-        let fault = block_on(icm42688(&part).drain(&mut samples)).err();
-        assert_eq!(fault == Some(XlFault::Level { level }), is_fault, "{level}: {fault:?}");
+    for (kind, bytes, levels) in
+        [(Kind::Adxl380, 3, [318, 319, 400]), (Kind::Icm42688, 1, [2_048, 2_049, 4_000])]
+    {
+        for (level, is_fault) in levels.into_iter().zip([false, true, true]) {
+            let (part, mut samples) = (Part::new(kind), FifoSamples::new());
+            part.borrow_mut().fifo = vec![0; bytes * usize::from(level)].into();
+            let drained = match kind {
+                Kind::Icm42688 => block_on(icm42688(&part).drain(&mut samples)),
+                _ => block_on(adxl380(&part).drain(&mut samples)),
+            };
+            assert_eq!(drained == Err(XlFault::Level { level }), is_fault, "{kind:?} {level}: {drained:?}");
+        }
     }
 }
 
@@ -275,7 +271,7 @@ fn an_adxl382_comes_at_half_its_rate() {
     let part = Part::new(Kind::Adxl382);
     part.borrow_mut().rate_hz = 15_600.0;
     part.borrow_mut().signal = |_| [1_000, -2_000, 2_000];
-    let mut bench = Bench::new(part.clone(), Adxl382::new(Wire(part.clone()), leak())).started();
+    let mut bench = Bench::new(part.clone(), Adxl382::new(Wire(part.clone()), buffer())).started();
     let mut end = bench.monitor.xl_end();
     let mut total = 0;
     for _ in 0..2_000 {

@@ -19,7 +19,7 @@ proptest! {
     #[test]
     fn entries_become_samples_only_in_step(entries in prop::collection::vec((0u8..4, any::<[u8; 2]>()), 0..400)) {
         let entries: Vec<[u8; 3]> = entries.into_iter().map(|(axis, [h, l])| [axis, h, l]).collect();
-        let mut framer = Framer::new();
+        let mut framer = Framer::default();
         let made: Vec<_> = entries.iter().filter_map(|&entry| framer.push(entry).ok().flatten()).collect();
         prop_assert_eq!(made, definition(&entries));
     }
@@ -30,7 +30,7 @@ proptest! {
             (0..samples * 3).map(|i| [(i % 3) as u8, (i / 3) as u8, 7]).collect();
         let from = from % entries.len();
         entries.drain(from..(from + length).min(samples * 3));
-        let mut framer = Framer::new();
+        let mut framer = Framer::default();
         let pushed: Vec<_> = entries.iter().map(|&entry| framer.push(entry)).collect();
         let breaks = pushed.iter().filter(|result| **result == Err(OutOfStep)).count();
         prop_assert!(breaks <= 1);

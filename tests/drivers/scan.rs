@@ -32,48 +32,18 @@ fn every_slot_converts_its_taxel_from_the_first_frame_on() {
     }
 }
 
-/// Both streams as the hardware moves them.
-struct Streams {
-    arrays: u32,
-    words_left: u32,
-    codes_left: u32,
-}
-
-impl Streams {
-    fn new(arrays: u32) -> Self {
-        Self { arrays, words_left: 1024, codes_left: 2048 * arrays }
-    }
-
-    fn word(&mut self) {
-        self.words_left = if self.words_left == 1 { 1024 } else { self.words_left - 1 };
-    }
-
-    fn code(&mut self) {
-        self.codes_left = if self.codes_left == 1 { 2048 * self.arrays } else { self.codes_left - 1 };
-    }
-
-    fn in_step(&self) -> bool {
-        is_in_step(self.words_left, self.codes_left, self.arrays)
-    }
-}
-
 #[test]
 fn streams_are_in_step_in_every_slot_until_something_is_lost() {
+    // As the hardware counts: down from the length, and anew.
+    let left = |moved: u32, length: u32| length - moved % length;
     for arrays in 1..=3 {
         for lost @ (codes, words) in
             [(0, 0), (arrays, 0), (1, 0), (0, 1), (0, 2), (2 * arrays, 0), (100 * arrays, 0)]
         {
-            let mut streams = Streams::new(arrays);
-            (0..300 * arrays - codes).for_each(|_| streams.code());
-            (0..300 - words).for_each(|_| streams.word());
-            for _ in 0..5_000 {
-                assert_eq!(
-                    streams.in_step(),
-                    lost == (0, 0),
-                    "{arrays} arrays, codes and words lost: {lost:?}"
-                );
-                (0..arrays).for_each(|_| streams.code());
-                streams.word();
+            for slot in 300..5_300 {
+                let (words, codes) = (left(slot - words, 1024), left(slot * arrays - codes, 2048 * arrays));
+                let in_step = is_in_step(words, codes, arrays);
+                assert_eq!(in_step, lost == (0, 0), "{arrays} arrays, codes and words lost: {lost:?}");
             }
         }
     }

@@ -61,18 +61,15 @@ impl TaxelScan for Scan {
 }
 
 type Fingertips = Sensors<'static, NoopRawMutex, Scan, Adxl380<'static, Wire>>;
-type Bench = (Fingertips, Vec<Rc<RefCell<Part>>>, Rc<Faults>);
+type Link = &'static SensorLink<'static, NoopRawMutex>;
 
-fn bench() -> Bench {
-    bench_with(Box::leak(Box::new(SensorLink::new())))
-}
-
-fn bench_with(link: &'static SensorLink<'static, NoopRawMutex>) -> Bench {
+fn bench() -> (Fingertips, Vec<Rc<RefCell<Part>>>, Rc<Faults>, Link) {
+    let link = Box::leak(Box::new(SensorLink::new()));
     let parts: Vec<_> = (0..SENSORS).map(|_| Part::new(Kind::Adxl380)).collect();
     let faults = Rc::new(Faults::default());
     let (stamp, codes) = (FrameStamp::default(), Vec::new());
     let scan = Scan { faults: faults.clone(), parts: parts.clone(), stamp, codes };
-    (Sensors::new(scan, parts.iter().map(sensor).collect(), link), parts, faults)
+    (Sensors::new(scan, parts.iter().map(sensor).collect(), link), parts, faults, link)
 }
 
 /// Which parts arrived in one frame: arrays, then accelerometers.
@@ -85,7 +82,7 @@ fn frame(sensors: &mut Fingertips, frame: &mut SensorFrame) -> String {
 
 #[test]
 fn a_fault_is_the_faulty_parts_only() {
-    let (mut sensors, parts, faults) = bench();
+    let (mut sensors, parts, faults, _) = bench();
     let mut buffer = SensorFrame::new();
     let mut next = |sensors: &mut Fingertips| frame(sensors, &mut buffer);
     assert_eq!(next(&mut sensors), "ppp---", "the scan does not wait for accelerometers");
@@ -116,8 +113,7 @@ fn a_fault_is_the_faulty_parts_only() {
 
 #[test]
 fn a_report_comes_each_second_and_a_mounting_counts_from_the_next_frame_on() {
-    let link = Box::leak(Box::new(SensorLink::new()));
-    let (mut sensors, _, faults) = bench_with(link);
+    let (mut sensors, _, faults, link) = bench();
     let mut buffer = SensorFrame::new();
     let mut next = || {
         frame(&mut sensors, &mut buffer);
@@ -140,7 +136,7 @@ fn a_report_comes_each_second_and_a_mounting_counts_from_the_next_frame_on() {
 
 #[test]
 fn discarded_frames_show_as_a_gap() {
-    let (mut sensors, _, _) = bench();
+    let (mut sensors, ..) = bench();
     let mut buffer = SensorFrame::new();
     (0..40).for_each(|_| _ = frame(&mut sensors, &mut buffer));
     let first = |buffer: &SensorFrame| buffer.parts.each_ref().map(|part| part.xl_end - part.xl.len() as u32);

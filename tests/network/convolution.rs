@@ -6,26 +6,12 @@ use slipsense::net::packing::{self, Inputs};
 use slipsense::params::CONV_INPUT_MAX;
 use slipsense::simd::{LayerParams, Map, MapMut, MapShape, conv_relu_pool, halves, portable};
 
-/// How the numbers of a case are drawn.
-#[derive(Clone, Copy, Debug)]
-enum Draw {
-    /// Anywhere in their range.
-    Any,
-    /// One end of it or the other.
-    Ends,
-    /// The upper end everywhere.
-    Top,
-}
-
-impl Draw {
-    const ALL: [Self; 3] = [Self::Any, Self::Ends, Self::Top];
-
-    fn from(self, rng: &mut ChaCha8Rng, (least, most): (i64, i64)) -> i64 {
-        match self {
-            Self::Any => rng.random_range(least..=most),
-            Self::Ends => [least, most][rng.random_range(0..2)],
-            Self::Top => most,
-        }
+/// A number anywhere in its range, at one end of it or the other, or at the upper end.
+fn draw(kind: usize, rng: &mut ChaCha8Rng, (least, most): (i64, i64)) -> i64 {
+    match kind {
+        0 => rng.random_range(least..=most),
+        1 => [least, most][rng.random_range(0..2)],
+        _ => most,
     }
 }
 
@@ -61,11 +47,11 @@ impl Case {
     /// As large as a model may have them: `2 · Σ|w| · 2^14 + |bias|` is at most `2^31 − 1`, and what the file has of
     /// every weight fits 16 bits.
     fn new(rng: &mut ChaCha8Rng, side: usize, channels: usize, outputs: usize) -> Self {
-        let [of_weights, of_map] = [0, 1].map(|_| Draw::ALL[rng.random_range(0..3)]);
+        let [of_weights, of_map] = [0, 1].map(|_| rng.random_range(0..3));
         let count = 9 * channels;
         let most = (65_535 / count as i64).min(i64::from(i16::MAX) / 3);
         let mut weights = vec![vec![0; count]; outputs];
-        weights.iter_mut().flatten().for_each(|w| *w = of_weights.from(rng, (-most, most)));
+        weights.iter_mut().flatten().for_each(|w| *w = draw(of_weights, rng, (-most, most)));
         let room = |row: &Vec<i64>| i64::from(i32::MAX) - (row.iter().map(|w| w.abs()).sum::<i64>() << 15);
         let rooms: Vec<i64> = weights.iter().map(room).collect();
         let bias = rooms.iter().map(|&room| rng.random_range(-room..=room) as i32 >> rng.random_range(0..20));
@@ -74,7 +60,7 @@ impl Case {
             (0..outputs).map(|_| rng.random_range(0..i32::MAX) >> rng.random_range(0..18)).collect();
         let most = i64::from(CONV_INPUT_MAX);
         let range = if channels <= 2 { (-most - 1, most) } else { (0, most) };
-        let map = (0..side * side * channels).map(|_| of_map.from(rng, range)).collect();
+        let map = (0..side * side * channels).map(|_| draw(of_map, rng, range)).collect();
         let border = rng.random_range(0..2);
         Self { channels, side, weights, bias, multiplier, map, border }
     }

@@ -14,12 +14,12 @@ use slipsense::wire::{
 };
 use slipsense_recording::model_file::random_model;
 
-fn constant_model(logits: [i32; 3]) -> Vec<u8> {
-    model_at(logits, OperatingPoint::EVEN)
+fn constant(logits: [i32; 3], sensors: usize) -> Pipeline<'static> {
+    Pipeline::new(model_at(logits, OperatingPoint::EVEN), sensors).unwrap()
 }
 
 /// A model whose head ignores the network: its logits are these, and slip's lead over contact the log-odds.
-fn model_at(logits: [i32; 3], point: OperatingPoint) -> Vec<u8> {
+fn model_at(logits: [i32; 3], point: OperatingPoint) -> Model<'static> {
     let [no_contact, no_slip, slip] = logits;
     let outputs = [no_contact, no_slip, slip, slip - no_slip];
     let mut file = random_model(SHAPES[0], 2);
@@ -29,7 +29,7 @@ fn model_at(logits: [i32; 3], point: OperatingPoint) -> Vec<u8> {
         *bias = output * 4;
     }
     file.point = point;
-    file.to_bytes().unwrap()
+    Model::parse(file.to_bytes().unwrap().leak()).unwrap()
 }
 
 fn pad_with_sum(sum: u32) -> PiezoFrame {
@@ -39,10 +39,8 @@ fn pad_with_sum(sum: u32) -> PiezoFrame {
 }
 
 fn one_frame(logits: [i32; 3], pads: &[Option<&PiezoFrame>]) -> Class {
-    let bytes = constant_model(logits);
-    let mut pipeline = Pipeline::new(Model::parse(&bytes).unwrap(), pads.len()).unwrap();
     let inputs: Vec<_> = pads.iter().map(|&piezo| SensorInput { piezo, xl: Some(&[]), xl_end: 0 }).collect();
-    let output = pipeline.step(&inputs);
+    let output = constant(logits, pads.len()).step(&inputs);
     assert_eq!(output.logits, logits.map(Logit::from_bits));
     assert_eq!(output.may_begin, output.class == Class::Slip);
     output.class
@@ -74,8 +72,8 @@ fn without_a_pad_the_network_decides_contact() {
 fn the_flag_follows_the_files_operating_point() {
     let flags = |threshold: i32| -> Vec<bool> {
         let threshold = Logit::from_bits(threshold);
-        let bytes = model_at([0, 100, 600], OperatingPoint { threshold, k: 3, n: 5 });
-        let mut pipeline = Pipeline::new(Model::parse(&bytes).unwrap(), 1).unwrap();
+        let model = model_at([0, 100, 600], OperatingPoint { threshold, k: 3, n: 5 });
+        let mut pipeline = Pipeline::new(model, 1).unwrap();
         let (idle, held) = (pad_with_sum(0), pad_with_sum(2000));
         let pads = [&held, &idle, &held, &held, &held, &idle, &idle, &idle, &held];
         let step = |piezo| {
@@ -94,8 +92,7 @@ fn the_flag_follows_the_files_operating_point() {
 
 #[test]
 fn health_tells_what_is_missing_and_the_rest_goes_on() {
-    let bytes = constant_model([0, 1, 2]);
-    let mut pipeline = Pipeline::new(Model::parse(&bytes).unwrap(), 3).unwrap();
+    let mut pipeline = constant([0, 1, 2], 3);
     let pad = pad_with_sum(4095);
     let samples = [[0i16, 5, -3]; 64];
     let mut clipped = samples;
@@ -120,11 +117,9 @@ fn health_tells_what_is_missing_and_the_rest_goes_on() {
 /// What comes after missing samples is what a front end gives that starts there, but for the noise floors, which stay.
 #[test]
 fn missing_samples_start_the_front_end_anew_and_are_flagged() {
-    let bytes = constant_model([0, 1, 2]);
     let sample = |n: u32| [(n.wrapping_mul(2_654_435_761) >> 18) as i16, n as i16, -(n as i16)];
     for lost in [1, 7, 500, u32::MAX] {
-        let mut pipeline = Pipeline::new(Model::parse(&bytes).unwrap(), 1).unwrap();
-        let mut after = Pipeline::new(Model::parse(&bytes).unwrap(), 1).unwrap();
+        let [mut pipeline, mut after] = [(); 2].map(|()| constant([0, 1, 2], 1));
         let mut end = u32::MAX - 100;
         for frame in 0..12 {
             let samples: Vec<_> = (0..33).map(|i| sample(frame * 33 + i)).collect();
@@ -145,8 +140,7 @@ fn missing_samples_start_the_front_end_anew_and_are_flagged() {
 
 #[test]
 fn sensor_count_is_checked() {
-    let bytes = constant_model([0; 3]);
-    let model = Model::parse(&bytes).unwrap();
+    let model = model_at([0; 3], OperatingPoint::EVEN);
     for sensors in [0, MAX_SENSORS + 1] {
         let error = Pipeline::new(model, sensors).err().unwrap();
         assert_eq!(error.to_string(), format!("{sensors} sensors, 1 to 3 are possible"));
@@ -155,10 +149,9 @@ fn sensor_count_is_checked() {
 
 #[test]
 fn the_slip_message_carries_the_output() {
-    let bytes = constant_model([-700, 20, 3000]);
-    let mut pipeline = Pipeline::new(Model::parse(&bytes).unwrap(), 2).unwrap();
     let pad = pad_with_sum(3000);
-    let output = pipeline.step(&[SensorInput { piezo: Some(&pad), ..SensorInput::default() }; 2]);
+    let output =
+        constant([-700, 20, 3000], 2).step(&[SensorInput { piezo: Some(&pad), ..SensorInput::default() }; 2]);
     let message = output.slip_message(
         FrameStamp { sequence: 7, timestamp_us: 29_167 },
         &Origin { late_frames: 4, starts: 9, locked: true, ..Origin::default() },
@@ -175,8 +168,7 @@ fn the_slip_message_carries_the_output() {
 /// Reasons not to believe the flag, and what makes it worse.
 #[test]
 fn doubts_come_and_go_with_their_causes() {
-    let bytes = constant_model([0, 1, 2]);
-    let mut pipeline = Pipeline::new(Model::parse(&bytes).unwrap(), 2).unwrap();
+    let mut pipeline = constant([0, 1, 2], 2);
     let pad = pad_with_sum(3000);
     let mut end = 0u32;
     let mut step = |pipeline: &mut Pipeline<'_>, pads: bool, xl: bool, changes: bool| {

@@ -18,7 +18,7 @@ pub const LINES: u64 = 0x3FF << FIRST_PIN;
 pub const LINES_MODER: u64 = 0xF_FFFF << (2 * FIRST_PIN);
 pub const OUTPUTS: u64 = 0x5555_5555;
 /// The multiplexer switches: nothing changes before; then one exponential, as slow as the slowest transition of the
-/// circuit (`src/drivers/scan.rs`, `front_end`).
+/// circuit (`src/drivers/scan.rs`, `ANALOG_NS`).
 pub const DEAD_NS: u64 = 45;
 /// From then on a full-scale step is within half a count of 4096: 9.02 time constants.
 pub const SETTLED_NS: u64 = 1705;

@@ -1,8 +1,7 @@
 //! What a pad feels, in a handful of numbers: sum, area, centre, long axis.
 //!
-//! The only floating point of the frame path: single precision, each operation rounded as IEEE 754
-//! says, the functions from `micromath`, which computes them in software. Host and microcontroller
-//! therefore agree bit for bit. The results are integers.
+//! The only floating point of the frame path: single precision, each operation rounded as IEEE 754 says, the functions
+//! from `micromath`, in software. Host and microcontroller therefore agree bit for bit. The results are integers.
 
 use micromath::F32Ext;
 

@@ -1,9 +1,8 @@
 //! From logits to the class of a frame, and to the flag.
 //!
-//! The *class* is the paper's: the pads decide contact, then the larger of the other two logits wins. The *flag* is
-//! for acting on. It compares the detector's log-odds of slip with a threshold and asks that enough of the last frames
-//! agree; both come from the model file's [`OperatingPoint`], which was fixed on validation data for a rate of false
-//! alarms.
+//! The *class* is the paper's: the pads decide contact, then the larger of the other two logits wins. The *flag* is for
+//! acting on: the detector's log-odds of slip exceeded a threshold in enough of the last frames. Both numbers come from
+//! the model file's [`OperatingPoint`], fixed on validation data for a rate of false alarms.
 
 use crate::fixed::Logit;
 use crate::net::format::OperatingPoint;

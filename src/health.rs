@@ -76,12 +76,10 @@ pub enum CanState {
 
 /// State and error counters of a CAN node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub struct CanStatus {
-    /// The state.
     pub state: CanState,
-    /// Transmit error counter.
     pub transmit_errors: u8,
-    /// Receive error counter.
     pub receive_errors: u8,
 }
 

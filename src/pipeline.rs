@@ -162,9 +162,8 @@ impl XlChannel {
     }
 }
 
-/// All that is remembered between raw samples and decision, whatever the model and the sensors: key and value
-/// caches, feature maps, averages of the taxels, filters. All of it starts as zeros, so that a microcontroller makes
-/// it where it is to stay.
+/// All that is remembered between raw samples and decision, whatever the model and the sensors. All of it starts as
+/// zeros, so that a microcontroller makes it where it is to stay.
 #[derive(Clone, Debug)]
 pub struct State {
     xl: [XlChannel; MAX_SENSORS],
@@ -264,9 +263,8 @@ impl<'m, S: BorrowMut<State>> Pipeline<'m, S> {
         }
     }
 
-    /// Take in one frame as the drivers deliver it. Masked taxels ([`configure`](Self::configure)) and those that the drivers
-    /// found stuck are set to 0 first, in place, so that raw messages carry what the network sees. A recording's scans
-    /// are masked already.
+    /// Take in one frame as the drivers deliver it. Masked taxels ([`configure`](Self::configure)) and those found stuck are
+    /// set to 0 first, in place, so that raw messages carry what the network sees. A recording's scans are masked already.
     pub fn step_readings(&mut self, readings: &mut [SensorReadings; MAX_SENSORS]) -> Output {
         for (readings, mask) in
             readings.iter_mut().zip(&self.masks).filter(|(readings, _)| readings.piezo_arrived)

@@ -55,13 +55,10 @@ const _: () = assert!(TAXEL_COLS == u32::BITS as usize, "a word masks a row");
 /// The taxels of the pad, as a mask has them.
 const ON_PAD: [u32; TAXEL_ROWS] = {
     let mut rows = [0; TAXEL_ROWS];
-    let mut cell = 0;
-    while cell < TAXELS {
-        let (row, col) = (cell / TAXEL_COLS, cell % TAXEL_COLS);
-        if is_active(row, col) {
-            rows[row] |= 1 << col;
-        }
-        cell += 1;
+    let mut row = 0;
+    while row < TAXEL_ROWS {
+        rows[row] = u32::MAX << ROW_CUT[row] & u32::MAX >> ROW_CUT[row];
+        row += 1;
     }
     rows
 };
@@ -108,11 +105,9 @@ impl TaxelMask {
 
 /// A count that a [`PiezoFrame`] cannot hold; `index` is its position, row-major.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[expect(missing_docs, reason = "the fields are named after what they are")]
+#[expect(missing_docs, reason = "the fields are named after what they are, and the text says it")]
 pub enum TaxelError {
-    /// More than 12 bits.
     OutOfRange { index: usize, count: u16 },
-    /// A reading where the pad has no taxel.
     Inactive { index: usize, count: u16 },
 }
 

@@ -10,9 +10,8 @@ pub trait TaxelScan {
     /// Wait until the next frame is due in `lead_us`; not at all where it is nearer or late.
     async fn wait_before(&mut self, lead_us: u64);
 
-    /// Wait for the next frame: its number, and the time of the conversion that closed it.
-    ///
-    /// Ends whatever happens to the scan: one that stopped is started again, and its frame is delivered without counts.
+    /// Wait for the next frame: its number, and the time of the conversion that closed it. Ends whatever happens: a scan
+    /// that stopped is started again, and its frame is delivered without counts.
     async fn tick(&mut self) -> FrameStamp;
 
     /// The ADC codes, 16 bits, of the frame just waited for: slot by slot in the order of [`crate::drivers::scan`], the arrays
@@ -66,19 +65,21 @@ impl FifoStatus {
 
 /// Why an accelerometer does not deliver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[expect(missing_docs, reason = "the fields are named after what they are")]
+#[expect(missing_docs, reason = "the fields are named after what they are, and the text says it")]
 pub enum XlFault {
-    /// The bus refused a transfer.
     Bus(ErrorKind),
     /// Another part answers, or none does: identifiers of all zeros or all ones are an open line.
-    WrongPart { expected: u32, found: u32 },
-    /// A register does not hold what was written.
-    Refused { register: u8 },
-    /// The FIFO claims more entries, or bytes, than it can hold.
-    Level { level: u16 },
-    /// The axes were out of step more often than one overrun explains.
+    WrongPart {
+        expected: u32,
+        found: u32,
+    },
+    Refused {
+        register: u8,
+    },
+    Level {
+        level: u16,
+    },
     Unframed,
-    /// No sample for several ticks.
     Silent,
 }
 

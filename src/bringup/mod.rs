@@ -7,6 +7,8 @@ mod board;
 pub use array::{ArrayStats, Settling, judge_array, judge_settling};
 pub use board::{XlReadings, judge_clock, judge_lines, judge_xl};
 
+use core::fmt;
+
 use crate::board::XlFault;
 use crate::drivers::scan::COLUMN_LINES;
 use crate::params::TAXEL_COLS;
@@ -30,12 +32,11 @@ pub const GRAVITY_ERROR_MAX_PERCENT: u32 = 25;
 
 /// How a finding counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the names say it")]
 pub enum Grade {
-    /// As it should be.
     Ok,
     /// Could not be judged, and why.
     Open,
-    /// A fault.
     Failed,
 }
 
@@ -102,30 +103,21 @@ impl Finding {
     }
 }
 
-/// An address line as the wiring page names it.
-struct Line(u8);
-
-impl core::fmt::Display for Line {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let columns = COLUMN_LINES as u8;
-        let (what, line) = if self.0 < columns { ("column", self.0) } else { ("row", self.0 - columns) };
-        // PE2 is the lowest (`firmware/bin/app/pins.rs`).
-        write!(f, "{what} A{line} (PE{})", self.0 + 2)
-    }
+/// An address line as the wiring page names it; PE2 is the lowest (`firmware/bin/app/pins.rs`).
+fn line_name(line: u8) -> impl fmt::Display {
+    let columns = COLUMN_LINES as u8;
+    let (what, number) = if line < columns { ("column", line) } else { ("row", line - columns) };
+    fmt::from_fn(move |f| write!(f, "{what} A{number} (PE{})", line + 2))
 }
 
 /// A taxel of the scan.
-struct Taxel(u16);
-
-impl core::fmt::Display for Taxel {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let taxel = usize::from(self.0);
-        write!(f, "row {} column {}", taxel / TAXEL_COLS, taxel % TAXEL_COLS)
-    }
+fn taxel_name(taxel: u16) -> impl fmt::Display {
+    let taxel = usize::from(taxel);
+    fmt::from_fn(move |f| write!(f, "row {} column {}", taxel / TAXEL_COLS, taxel % TAXEL_COLS))
 }
 
-impl core::fmt::Display for Finding {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::HseAt { hz } => write!(f, "PH0 has {hz} Hz by the HSI"),
             Self::HseAbsent => f.write_str("no clock on PH0: USB into CN1, or the ST-LINK's MCO is off"),
@@ -148,10 +140,10 @@ impl core::fmt::Display for Finding {
             Self::LinesFree => f.write_str("ten pins, none held, none shorted"),
             Self::LineHeld { line, high } => {
                 let rail = if high { "3.3 V" } else { "ground" };
-                write!(f, "{} is held at {rail}: a short at the pin or in the cable", Line(line))
+                write!(f, "{} is held at {rail}: a short at the pin or in the cable", line_name(line))
             }
             Self::LinesShorted { lines: (a, b) } => {
-                write!(f, "{} and {} are shorted: solder, cable", Line(a), Line(b))
+                write!(f, "{} and {} are shorted: solder, cable", line_name(a), line_name(b))
             }
             Self::NotFitted => f.write_str("neither array nor accelerometer at this connector"),
             Self::XlAt { rate_hz, milli_g } => write!(f, "{rate_hz} samples/s, {milli_g} mg at rest"),
@@ -193,8 +185,12 @@ impl core::fmt::Display for Finding {
                 write!(f, "column {col} stays idle under pressure: column wire, its amplifier")
             }
             Self::ColHigh { col } => write!(f, "column {col} at full scale: column shorted, its amplifier"),
-            Self::AddressOpen { line } => write!(f, "{} changes nothing: open behind the pin", Line(line)),
-            Self::AddressSwapped { lines: (a, b) } => write!(f, "{} and {} are swapped", Line(a), Line(b)),
+            Self::AddressOpen { line } => {
+                write!(f, "{} changes nothing: open behind the pin", line_name(line))
+            }
+            Self::AddressSwapped { lines: (a, b) } => {
+                write!(f, "{} and {} are swapped", line_name(a), line_name(b))
+            }
             Self::OutsidePad { taxels } => {
                 write!(
                     f,
@@ -202,15 +198,15 @@ impl core::fmt::Display for Finding {
                 )
             }
             Self::TaxelsStuck { taxels, first } => {
-                write!(f, "{taxels} taxels without any noise, the first at {}", Taxel(first))
+                write!(f, "{taxels} taxels without any noise, the first at {}", taxel_name(first))
             }
             Self::TaxelsDead { taxels, first } => {
-                write!(f, "{taxels} taxels idle among pressed ones, the first at {}", Taxel(first))
+                write!(f, "{taxels} taxels idle among pressed ones, the first at {}", taxel_name(first))
             }
             Self::TaxelsNoisy { taxels, first, codes } => write!(
                 f,
                 "{taxels} taxels noisy, {codes} codes rms at {}: a loose contact, the shield",
-                Taxel(first)
+                taxel_name(first)
             ),
             Self::Settled { left_codes, step_codes } => {
                 write!(f, "{left_codes} codes of a step of {step_codes} are left at the trigger")
@@ -234,8 +230,8 @@ pub struct Verdict {
     pub finding: Finding,
 }
 
-impl core::fmt::Display for Verdict {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let grade = match self.finding.grade() {
             Grade::Ok => "OK",
             Grade::Open => "OPEN",
@@ -259,8 +255,8 @@ impl Summary<'_> {
     }
 }
 
-impl core::fmt::Display for Summary<'_> {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+impl fmt::Display for Summary<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (failed, open) = (self.count(Grade::Failed), self.count(Grade::Open));
         match self.0.iter().find(|verdict| verdict.finding.grade() == Grade::Failed) {
             Some(first) => write!(f, "verdict: {failed} failed, the first: {first}"),

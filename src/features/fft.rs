@@ -17,15 +17,9 @@
 //! The gain, √(4/3), uses the rest of the range, up to [`super::power`]. Rounding adds some tens of units, so nothing
 //! leaves `i32`. The stages decimate in time, so the bins come out in order.
 //!
-//! The feature `cmsis-dsp` replaces it by the q31 FFT of CMSIS-DSP; same window, same largest sample, emulated Cortex-M7:
-//!
-//! | | instructions with the window | signal to noise at 32,767, 500, 10 LSB | of `log_mel`, 3 axes |
-//! |---|---|---|---|
-//! | this one | 5,838 | 138.5, 102.5, 69.2 dB | 23,379 |
-//! | CMSIS-DSP 1.10.3, gcc 12.2 -O3 | 9,695 | 127.7, 91.5, 58.9 dB | 34,497 |
-//!
-//! The figures of CMSIS-DSP are of 2026-11-21; `cargo xtask bench --only kernels` counts ours, `tests/features.rs` prints
-//! the noise.
+//! The feature `cmsis-dsp` replaces it by the q31 FFT of CMSIS-DSP, with the same window and largest sample: two thirds
+//! more instructions and 11 dB more noise. `cargo xtask bench --only kernels` counts ours, `tests/features.rs` prints the
+//! noise.
 
 use super::highpass::FILTERED_FRAC_BITS;
 use super::tables::{COS_128_Q31, GAIN_TWIDDLE_16_Q30, HANN_Q31, TWIDDLE_64_Q30};

@@ -47,10 +47,9 @@ pub struct Dims {
 
 /// A number of the header outside its range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub struct FieldError {
-    /// Name of the field.
     pub field: &'static str,
-    /// The value found.
     pub value: i32,
     /// The smallest and largest value allowed.
     pub range: (i32, i32),
@@ -234,24 +233,16 @@ impl TensorSpec {
 }
 
 /// Names of an attention block's four projections and of its own tensors.
-struct BlockNames {
-    projections: [&'static str; 4],
-    score: &'static str,
-    norm: &'static str,
-}
-
 macro_rules! block_names {
     ($block:literal) => {
-        BlockNames {
-            projections: [
-                concat!($block, ".query"),
-                concat!($block, ".key"),
-                concat!($block, ".value"),
-                concat!($block, ".out"),
-            ],
-            score: concat!($block, ".score"),
-            norm: concat!($block, ".norm"),
-        }
+        [
+            concat!($block, ".query"),
+            concat!($block, ".key"),
+            concat!($block, ".value"),
+            concat!($block, ".out"),
+            concat!($block, ".score"),
+            concat!($block, ".norm"),
+        ]
     };
 }
 
@@ -273,20 +264,20 @@ impl Layout<'_> {
         self.push(name, "multiplier", Kind::I32, 1, outputs);
     }
 
-    const fn attention(&mut self, names: &BlockNames, width: usize, dims: &Dims) {
+    const fn attention(&mut self, names: [&'static str; 6], width: usize, dims: &Dims) {
+        let [query, key, value, out, score, norm] = names;
         let all = Inputs::Vector { count: width };
-        let mut at = 0;
-        while at < names.projections.len() {
-            self.layer(names.projections[at], width, all);
-            at += 1;
-        }
-        self.push(names.score, "multiplier", Kind::I32, 1, 1);
-        self.push(names.score, "bias", Kind::I16, dims.heads, dims.window);
-        self.push(names.norm, "residual", Kind::I32, 1, 1);
-        self.push(names.norm, "gamma", Kind::I16, 1, width);
-        self.push(names.norm, "beta", Kind::I32, 1, width);
-        self.push(names.norm, "multiplier", Kind::I32, 1, 1);
-        self.push(names.norm, "epsilon", Kind::I32, 1, 1);
+        self.layer(query, width, all);
+        self.layer(key, width, all);
+        self.layer(value, width, all);
+        self.layer(out, width, all);
+        self.push(score, "multiplier", Kind::I32, 1, 1);
+        self.push(score, "bias", Kind::I16, dims.heads, dims.window);
+        self.push(norm, "residual", Kind::I32, 1, 1);
+        self.push(norm, "gamma", Kind::I16, 1, width);
+        self.push(norm, "beta", Kind::I32, 1, width);
+        self.push(norm, "multiplier", Kind::I32, 1, 1);
+        self.push(norm, "epsilon", Kind::I32, 1, 1);
     }
 }
 
@@ -318,8 +309,8 @@ pub(super) const fn lay_out(dims: &Dims, specs: &mut [TensorSpec; TENSORS]) {
     all.layer("xl.conv", dims.xl_channels, Inputs::Vector { count: dims.xl_kernel * XL_FEATURES });
     all.layer("xl.mix1", dims.xl_channels, Inputs::Vector { count: dims.xl_channels });
     all.layer("xl.mix2", dims.embed, Inputs::Vector { count: dims.xl_channels });
-    all.attention(&block_names!("cross_piezo"), dims.embed, dims);
-    all.attention(&block_names!("cross_xl"), dims.embed, dims);
-    all.attention(&block_names!("temporal"), dims.fused(), dims);
+    all.attention(block_names!("cross_piezo"), dims.embed, dims);
+    all.attention(block_names!("cross_xl"), dims.embed, dims);
+    all.attention(block_names!("temporal"), dims.fused(), dims);
     all.layer("head", OUTPUTS, Inputs::Vector { count: dims.fused() });
 }

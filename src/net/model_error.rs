@@ -6,36 +6,51 @@ use super::format::{FORMAT_VERSION, FieldError, HEADER_BYTES};
 
 /// Why a model file is refused: a layer or section, the tensor of it, the output channel, what the file says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[expect(missing_docs, reason = "the fields are named after what they are")]
+#[expect(missing_docs, reason = "the fields are named after what they are, and the text says it")]
 pub enum ModelError {
-    /// Not a model file.
     BadMagic,
-    /// Made for other code.
-    UnknownVersion { found: u16 },
-    /// The header's length is not the one of this version.
-    BadHeader { bytes: u16 },
-    /// A size that this build has no room for.
+    UnknownVersion {
+        found: u16,
+    },
+    BadHeader {
+        bytes: u16,
+    },
     BadDimension(FieldError),
     /// An operating point that the flag cannot be decided at.
     BadOperatingPoint(FieldError),
-    /// The file ends inside this tensor or section.
-    Truncated { layer: &'static str, part: &'static str },
+    Truncated {
+        layer: &'static str,
+        part: &'static str,
+    },
     /// The bytes do not start at a multiple of four, as the kernels that read them in place need it.
     Misaligned,
     /// Numbers that no output or input belongs to, and that are not zero.
-    BadPadding { layer: &'static str },
+    BadPadding {
+        layer: &'static str,
+    },
     /// Four numbers of a convolution that no three weights give.
-    BadKernel { layer: &'static str, channel: usize },
-    /// Bytes after the end.
-    TrailingBytes { count: usize },
-    /// The content is not what was written.
+    BadKernel {
+        layer: &'static str,
+        channel: usize,
+    },
+    TrailingBytes {
+        count: usize,
+    },
     HashMismatch,
-    /// The provenance is not UTF-8.
     BadProvenance,
     /// Some input could bring the 32-bit accumulator of this channel up to `bound`.
-    AccumulatorOverflow { layer: &'static str, channel: usize, bound: i64 },
+    AccumulatorOverflow {
+        layer: &'static str,
+        channel: usize,
+        bound: i64,
+    },
     /// A multiplier below 0, or an epsilon below 1; `channel` is its position in the tensor.
-    BadScale { layer: &'static str, part: &'static str, channel: usize, value: i32 },
+    BadScale {
+        layer: &'static str,
+        part: &'static str,
+        channel: usize,
+        value: i32,
+    },
 }
 
 impl fmt::Display for ModelError {

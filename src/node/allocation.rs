@@ -1,8 +1,7 @@
 //! uavcan.pnp.NodeIDAllocationData.2.0, subject 8165: a node without address asks for one.
 //!
-//! It asks at random moments, on average twice a second, with messages that have no sender, until an
-//! allocator answers with its unique identifier. Chance comes from the unique identifier and the moment, so
-//! that two boards that start together do not ask together for ever.
+//! It asks at random moments, on average twice a second, without a sender, until an allocator answers with its unique
+//! identifier. Chance comes from that and the moment, so that two boards that start together part.
 
 use super::fields::Fields;
 use crate::wire::bytes::Writer;
@@ -16,7 +15,6 @@ pub const REQUEST_PERIOD_MAX_US: u64 = 1_000_000;
 const PREFERRED: u16 = 125;
 const BYTES: usize = 18;
 
-/// Asks for an address.
 #[derive(Clone, Debug)]
 pub(super) struct Allocation {
     unique_id: [u8; 16],

@@ -48,16 +48,13 @@ pub(super) const RESPONSE_BYTES: usize = 1 + 1 + OUTPUT_MAX;
 /// How a command went, as the standard numbers it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
+#[expect(missing_docs, reason = "the names are those of the standard")]
 pub enum CommandStatus {
     /// Done, or begun.
     Success = 0,
-    /// Could not be done.
     Failure = 1,
-    /// Not known.
     BadCommand = 3,
-    /// The parameter makes no sense.
     BadParameter = 4,
-    /// Not now.
     BadState = 5,
 }
 

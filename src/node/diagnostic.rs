@@ -18,22 +18,15 @@ pub const CALIBRATION_LINE: &str = "calibration";
 /// How much a record matters (uavcan.diagnostic.Severity.1.0).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
+#[expect(missing_docs, reason = "the names are those of the standard")]
 pub enum Severity {
-    /// For developers.
     Trace = 0,
-    /// For developers.
     Debug = 1,
-    /// Something was done.
     Info = 2,
-    /// Something was done that is rarely.
     Notice = 3,
-    /// Something may not be as wanted.
     Warning = 4,
-    /// Something could not be done.
     Error = 5,
-    /// The purpose is at stake.
     Critical = 6,
-    /// The purpose cannot be served.
     Alert = 7,
 }
 

@@ -1,8 +1,7 @@
 //! Reading the fields of Cyphal's regulated types: whole bytes, low byte first.
 //!
-//! Two rules of DSDL, and when each is right: a *response* or message that ends early continues with zeros,
-//! because an older sender does not know the later fields. A *request* that changes something is taken as it
-//! stands or not at all, so the reader also says when it read beyond the end.
+//! Two rules of DSDL: a *response* or message that ends early continues with zeros, because an older sender does not
+//! know the later fields. A *request* that changes something is taken as it stands or not at all.
 
 /// Takes a message apart from its start.
 pub(super) struct Fields<'a> {

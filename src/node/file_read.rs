@@ -1,8 +1,7 @@
 //! uavcan.file.Read, service 408, the client's side: a file of another node, piece by piece.
 //!
-//! One request, one answer of at most [`CHUNK_BYTES`], handed to the board, and only when the board has put
-//! it away the next request. A piece that is shorter than full is the last. A server that does not answer is
-//! asked again, [`TRIES`] times in all.
+//! One request, one answer of at most [`CHUNK_BYTES`], and only when the board has put it away the next request. A piece
+//! that is shorter than full is the last. A server that does not answer is asked [`TRIES`] times.
 
 use core::fmt;
 
@@ -39,10 +38,9 @@ pub struct FileRef {
 
 /// What a file is to become.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the names say it")]
 pub enum UpdateTarget {
-    /// The firmware.
     Firmware,
-    /// The model.
     Model,
 }
 
@@ -99,18 +97,15 @@ impl Chunk {
 
 /// Why a file was given up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the text says it")]
 pub enum FileFailure {
-    /// The server did not answer.
     Silent,
     /// The server refused, with an error number of uavcan.file.Error.1.0.
     Server(u16),
-    /// The answer makes no sense.
     Answer,
     /// The file is longer than there is room for, bytes.
     TooLong(u32),
-    /// The board refused it.
     Refused(&'static str),
-    /// Another file was asked for.
     Replaced,
 }
 
@@ -130,10 +125,13 @@ impl fmt::Display for FileFailure {
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum State {
-    /// To be asked.
     Ask,
     /// Asked at this time, the n-th time, by this transfer identifier.
-    Asked { at_us: u64, tries: u8, transfer: u8 },
+    Asked {
+        at_us: u64,
+        tries: u8,
+        transfer: u8,
+    },
     /// The piece waits for the board.
     Ready,
     /// The board is putting the piece away.
@@ -153,13 +151,10 @@ pub(super) struct FileRead {
 /// What is to be done now.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Next {
-    /// Send a request.
     Ask,
-    /// Nothing before this time.
     Wait(u64),
     /// Nothing: the board has a piece.
     Board,
-    /// Give the file up.
     GiveUp(FileFailure),
 }
 

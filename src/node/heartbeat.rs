@@ -14,14 +14,11 @@ pub(super) const HEARTBEAT_BYTES: usize = 7;
 /// What a node is doing (uavcan.node.Mode.1.0).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
+#[expect(missing_docs, reason = "the names are those of the standard")]
 pub enum Mode {
-    /// Its work.
     Operational = 0,
-    /// Starting.
     Initialization = 1,
-    /// Tests or calibration.
     Maintenance = 2,
-    /// Taking a new firmware or model in.
     SoftwareUpdate = 3,
 }
 

@@ -17,7 +17,6 @@ pub(super) struct Outbox {
 }
 
 impl Outbox {
-    /// Queue a transfer.
     #[inline(never)]
     pub fn push(&mut self, transfer: Frames<'_>) {
         if transfer.len() > OUTBOX_FRAMES - self.frames.len() {

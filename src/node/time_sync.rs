@@ -1,10 +1,9 @@
 //! uavcan.time.Synchronization, subject 7168: what time it is for everybody on the bus.
 //!
-//! A master's message carries the moment at which its *previous* message went out. The node noted when that
-//! one arrived; the difference is the offset. Two consecutive messages make one offset, which errs by as
-//! much as the moment of reception does: the node's user passes the time at which the frame was taken from
-//! the controller. The master with the lowest address is followed, another only after it fell silent. An offset that
-//! jumps counts when [`JUMP_OFFSETS`] in a row agree: one false message does not move the clock.
+//! A master's message carries the moment at which its *previous* message went out. The node noted when that one arrived;
+//! the difference is the offset, as exact as the time at which the user says that a frame was received. The master with
+//! the lowest address is followed, another only after it fell silent. An offset that jumps counts when [`JUMP_OFFSETS`]
+//! in a row agree: one false message does not move the clock.
 
 use super::fields::Fields;
 use crate::wire::NodeId;
@@ -21,7 +20,6 @@ const JUMP_US: u64 = 1_000;
 /// So many offsets in a row must agree on a jump.
 pub const JUMP_OFFSETS: u8 = 3;
 
-/// A master's last message.
 #[derive(Clone, Copy, Debug)]
 struct LastMessage {
     master: NodeId,
@@ -30,7 +28,6 @@ struct LastMessage {
     period_us: u64,
 }
 
-/// Follows the bus time.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct TimeSync {
     last: Option<LastMessage>,

@@ -1,8 +1,7 @@
 //! The node's checks of itself while it runs, a bounded piece after each frame that leaves time. What runs in RAM, model
-//! and inner loops, is compared with a digest, [`RAM_SLICE_BYTES`] at a time: where every frame leaves time, no bit of it
-//! that flips makes flags wrong for longer than 150 ms. The firmware in flash is hashed, [`SLICE_BYTES`] at a time. Once a minute the network
-//! decides a made-up input, one frame of it beside one of the sensors'. A check that has failed once makes every slip
-//! message invalid until the next start.
+//! and inner loops, is compared with a digest: where every frame leaves time, no bit that flips makes flags wrong for
+//! longer than 150 ms. The firmware in flash is hashed. Once a minute the network decides a made-up input, one frame of
+//! it beside one of the sensors'. A check that has failed once makes every slip message invalid until the next start.
 
 use core::borrow::BorrowMut;
 

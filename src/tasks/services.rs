@@ -6,8 +6,7 @@
 //! ```
 //!
 //! Nothing here waits for the bus: frames for which [`Shared`] has no room stay in the node's own queue, which drops
-//! whole transfers and counts them. What takes the board long, such as an erase, goes on beside the node, which
-//! answers meanwhile.
+//! whole transfers and counts them. What takes the board long goes on beside the node, which answers meanwhile.
 #![allow(async_fn_in_trait, reason = "tasks are spawned with concrete types, which decide about Send")]
 
 use core::future::{Future, poll_fn};

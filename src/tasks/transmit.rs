@@ -1,9 +1,8 @@
 //! From the messages that wait to the bus: which frame the hardware gets next.
 //!
-//! The hardware holds one frame of each slot, so that what is decided here is decided as late as can be: a slip
-//! message waits for the frame that is on the wire and for nothing else of this node. A slot is filled again within
-//! the time that CAN leaves between frames, about 3 µs at 1 Mbit/s, so one raw frame at a time does not leave the
-//! bus idle.
+//! The hardware holds one frame of each slot, so what goes next is decided as late as can be: a slip message waits for the
+//! frame that is on the wire and for nothing else of this node. A slot is filled again within the time that CAN leaves
+//! between frames, about 3 µs at 1 Mbit/s, so one raw frame at a time does not leave the bus idle.
 //!
 //! A heartbeat overtakes all other service frames, the one that the hardware holds included: whoever fills the bus with
 //! frames of higher priority than an answer must not silence it.
@@ -43,8 +42,7 @@ pub struct Transmission<'a, M: RawMutex, T, C> {
 
 impl<'a, M: RawMutex, T: CanTransmit, C: Clock> Transmission<'a, M, T, C> {
     /// Before the first message. `raw` is the other end of inference's queue.
-    pub const fn new(bus: T, clock: C, shared: &'a Shared<M>, raw: Receiver<'a, M, RawTransfer>) -> Self {
-        let status = CanStatus { state: CanState::ErrorActive, transmit_errors: 0, receive_errors: 0 };
+    pub fn new(bus: T, clock: C, shared: &'a Shared<M>, raw: Receiver<'a, M, RawTransfer>) -> Self {
         Self {
             bus,
             clock,
@@ -56,7 +54,7 @@ impl<'a, M: RawMutex, T: CanTransmit, C: Clock> Transmission<'a, M, T, C> {
             service_held: false,
             service_given_up: false,
             off_since_us: None,
-            status,
+            status: CanStatus::default(),
         }
     }
 

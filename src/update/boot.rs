@@ -1,4 +1,4 @@
-//! What the bootloader decides: which firmware runs. Registers and the jump are in `src/firmware/bin/boot`; this runs on the host too.
+//! What the bootloader decides: which firmware runs. Registers and the jump are in `src/firmware/bin/boot`.
 
 use core::fmt;
 
@@ -56,11 +56,9 @@ pub struct Slots<A, D, S> {
 
 impl<A: NorFlash, D: NorFlash, S: NorFlash> Slots<A, D, S> {
     /// Swap a new firmware in, swap one that did not confirm out, and see that what then lies in the active slot is
-    /// whole. `buffer` divides a sector and is aligned as the flash wants it.
-    ///
-    /// A new one is checked once more before it is swapped in, and again where it will run; if it is not whole there,
-    /// the one before comes back at once. If the one that is to run is damaged and the other slot holds a whole signed
-    /// one, that one is copied in.
+    /// whole. `buffer` divides a sector and is aligned as the flash wants it. A new one is checked before it is swapped
+    /// in, and where it will run; if it is not whole there, the one before comes back at once. If the one that is to run
+    /// is damaged and the other slot holds a whole signed one, that one is copied in.
     pub fn prepare(
         &mut self,
         board: &Partitions,

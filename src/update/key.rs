@@ -39,14 +39,8 @@ pub const PUBLIC_KEYS: &Keys = match NEXT {
 };
 
 /// Is the development key among them?
-pub const IS_DEVELOPMENT_KEY: bool = {
-    let (mut found, mut index) = (false, 0);
-    while index < PUBLIC_KEYS.len() {
-        found |= same(&PUBLIC_KEYS[index], &DEVELOPMENT_KEY);
-        index += 1;
-    }
-    found
-};
+pub const IS_DEVELOPMENT_KEY: bool =
+    matches!(FIRST, DEVELOPMENT_KEY) || matches!(NEXT, Some(DEVELOPMENT_KEY));
 
 const _: () = assert!(
     option_env!("SLIPSENSE_RELEASE").is_none() || !IS_DEVELOPMENT_KEY,
@@ -101,14 +95,6 @@ const fn from_hex(digits: &[u8]) -> [u8; 32] {
         index += 1;
     }
     key
-}
-
-const fn same(a: &[u8; 32], b: &[u8; 32]) -> bool {
-    let mut index = 0;
-    while index < 32 && a[index] == b[index] {
-        index += 1;
-    }
-    index == 32
 }
 
 #[cfg(test)]

@@ -6,48 +6,31 @@ use crate::net::ModelError;
 
 /// Why an image is not installed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "`reason` says it in words")]
 pub enum Refusal {
-    /// Shorter than a header.
     ShorterThanHeader,
     /// It does not begin as an image does: a bare program or model.
     NoHeader,
-    /// Made for other code.
     UnknownFormat,
-    /// The place of the signature is empty.
     Unsigned,
-    /// Signed by another key, or changed since.
     WrongSignature,
     /// The key that this firmware was built with is none.
     BadKey,
-    /// A model where a firmware was announced, or the other way round.
     WrongKind,
-    /// For another board.
     WrongBoard,
-    /// Its version is below that of what is installed.
     Older,
-    /// It runs, or waits for the restart.
     Held,
-    /// No payload.
     Empty,
-    /// More than there is room for.
     TooLong,
-    /// The file ends before the payload does.
     Truncated,
-    /// The file goes on behind the payload.
     Trailing,
-    /// The payload, read back from flash, is not what was signed.
     WrongHash,
-    /// The model is no model, or may overflow.
     Model(ModelError),
     /// The firmware that runs has not confirmed: the one to roll back to is where the new one would go.
     OnTrial,
-    /// There is no bootloader that would swap.
     NoBootloader,
-    /// Pieces do not follow each other.
     OutOfOrder,
-    /// The flash refused a read, a write or an erase.
     Flash,
-    /// The slot is blank.
     Blank,
 }
 

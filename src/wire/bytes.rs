@@ -4,15 +4,25 @@ use core::fmt;
 
 /// Why bytes are not the message they should be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[expect(missing_docs, reason = "the fields are named after what they are")]
+#[expect(missing_docs, reason = "the fields are named after what they are, and the text says it")]
 pub enum DecodeError {
     /// The message ends too early: bytes needed and found. DSDL would read the missing bytes as zeros, and zeros in these
     /// messages mean "no slip", so that is refused.
-    Truncated { message: &'static str, expected: usize, found: usize },
+    Truncated {
+        message: &'static str,
+        expected: usize,
+        found: usize,
+    },
     /// A field, named as in the DSDL definition, holds a value that has no meaning.
-    OutOfRange { message: &'static str, field: &'static str, value: u32, max: u32 },
-    /// The data do not give what their check says, or cannot be data of this message.
-    Damaged { message: &'static str },
+    OutOfRange {
+        message: &'static str,
+        field: &'static str,
+        value: u32,
+        max: u32,
+    },
+    Damaged {
+        message: &'static str,
+    },
 }
 
 impl fmt::Display for DecodeError {

@@ -89,11 +89,9 @@ pub struct CanFrame {
 
 /// Why a [`CanFrame`] cannot be made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[expect(missing_docs, reason = "the fields are named after what they are")]
+#[expect(missing_docs, reason = "the fields are named after what they are, and the text says it")]
 pub enum LengthError {
-    /// More than 29 bits of identifier.
     Id { id: u32 },
-    /// A data length that CAN FD does not have, bytes.
     Length { length: usize },
 }
 

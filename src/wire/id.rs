@@ -9,22 +9,15 @@ pub const CAN_ID_MAX: u32 = (1 << 29) - 1;
 /// Priority of a transfer, the three leading bits of its identifier: the smaller number wins the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
+#[expect(missing_docs, reason = "the names are those of the specification")]
 pub enum Priority {
-    /// Above all else.
     Exceptional = 0,
-    /// Sub-millisecond reactions.
     Immediate = 1,
-    /// Fast control loops.
     Fast = 2,
-    /// Control loops.
     High = 3,
-    /// The default.
     Nominal = 4,
-    /// Less urgent than the default.
     Low = 5,
-    /// Bulk data.
     Slow = 6,
-    /// May be starved.
     Optional = 7,
 }
 
@@ -62,26 +55,21 @@ impl NodeId {
 
 /// What the 29-bit identifier of a message says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub struct MessageId {
-    /// Priority of the transfer.
     pub priority: Priority,
     /// Subject identifier, 0 to 8191; higher bits are dropped.
     pub port: u16,
-    /// The node that sends.
     pub node: NodeId,
 }
 
 /// Why an identifier is not that of a message with a sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[expect(missing_docs, reason = "the fields are named after what they are")]
+#[expect(missing_docs, reason = "the fields are named after what they are, and the text says it")]
 pub enum IdError {
-    /// More than 29 bits.
     TooLarge { id: u32 },
-    /// A service call, not a message.
     Service,
-    /// A message of a node without an address.
     Anonymous,
-    /// A reserved bit that must be 0 is set.
     Reserved,
 }
 
@@ -138,16 +126,14 @@ pub enum ServiceRole {
 
 /// What the 29-bit identifier of a service call says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub struct ServiceId {
     /// Priority of the transfer; a response has that of its request, at most [`Priority::Fast`].
     pub priority: Priority,
-    /// Request or response.
     pub role: ServiceRole,
     /// Service identifier, 0 to [`SERVICE_PORT_MAX`]; higher bits are dropped.
     pub port: u16,
-    /// The node that is to receive.
     pub destination: NodeId,
-    /// The node that sends.
     pub source: NodeId,
 }
 
@@ -182,8 +168,8 @@ pub struct AnonymousId {
     pub priority: Priority,
     /// Subject identifier, 0 to 8191; higher bits are dropped.
     pub port: u16,
-    /// Stands where the sender's address would, and keeps two nodes without address from sending different
-    /// frames under one identifier: derived from the payload, no address.
+    /// In place of the sender's address, derived from the payload: keeps two nodes without address from sending different
+    /// frames under one identifier.
     pub pseudo_source: u8,
 }
 
@@ -198,12 +184,10 @@ impl AnonymousId {
 
 /// What the identifier of any Cyphal frame says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "each is documented where it is defined")]
 pub enum TransferId {
-    /// A message with a sender.
     Message(MessageId),
-    /// A message without one.
     Anonymous(AnonymousId),
-    /// A service call.
     Service(ServiceId),
 }
 

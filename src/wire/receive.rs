@@ -24,25 +24,34 @@ const PADDING_MAX: usize = MTU - 49;
 
 /// Why a frame did not continue or complete a transfer, and the identifier of that transfer, 0 to 31.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[expect(missing_docs, reason = "the fields are named after what they are")]
+#[expect(missing_docs, reason = "the fields are named after what they are, and the text says it")]
 pub enum TransferError {
-    /// No data, so no tail byte.
     NoTail,
     /// The first frame of a transfer has toggle 0: another version of the protocol.
     Version,
-    /// The transfer that was received last, once more.
-    Repeated { transfer: u8 },
-    /// The middle or end of a transfer whose start was not received.
-    NotStarted { transfer: u8 },
-    /// A frame that is not the next one: repeated, or an odd number before it is missing. It is
-    /// skipped; whether one is missing shows in the CRC at the end.
-    Toggle { transfer: u8 },
+    Repeated {
+        transfer: u8,
+    },
+    NotStarted {
+        transfer: u8,
+    },
+    /// Not the next frame: repeated, or an odd number before it is missing. It is skipped; the CRC tells of a missing one.
+    Toggle {
+        transfer: u8,
+    },
     /// A frame before the last that is not full; its data, bytes.
-    ShortFrame { transfer: u8, length: usize },
+    ShortFrame {
+        transfer: u8,
+        length: usize,
+    },
     /// More bytes than there is room for, `capacity`: more than any message of this port has.
-    TooLong { transfer: u8, capacity: usize },
-    /// Frames are missing, out of order or damaged.
-    Crc { transfer: u8 },
+    TooLong {
+        transfer: u8,
+        capacity: usize,
+    },
+    Crc {
+        transfer: u8,
+    },
 }
 
 /// A complete transfer.
@@ -101,13 +110,10 @@ impl<const CAPACITY: usize> Reassembler<CAPACITY> {
         if tail & TAIL_START != 0 {
             self.start(transfer, toggle, payload)?;
         } else {
-            match self.open {
-                Some((open, expected)) if open == transfer => {
-                    if toggle != expected {
-                        return Err(TransferError::Toggle { transfer });
-                    }
-                }
-                _ => return Err(TransferError::NotStarted { transfer }),
+            match self.open.filter(|(open, _)| *open == transfer) {
+                Some((_, expected)) if toggle != expected => return Err(TransferError::Toggle { transfer }),
+                Some(_) => {}
+                None => return Err(TransferError::NotStarted { transfer }),
             }
         }
         if !end && data.len() != self.full {
@@ -160,8 +166,7 @@ impl<const CAPACITY: usize> Reassembler<CAPACITY> {
 }
 
 /// A message that arrived.
-// The raw message dwarfs the slip message; boxing it would need an allocator.
-#[allow(clippy::large_enum_variant)]
+#[allow(clippy::large_enum_variant, reason = "a box would need an allocator")]
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Received {
     /// A slip message.
@@ -234,8 +239,7 @@ impl Receiver {
         message.map(Some).map_err(ReceiveError::Message)
     }
 
-    /// Transfers lost so far, as far as their 5-bit identifiers tell: 32 or more count as fewer here, but show in the
-    /// sequence numbers of the messages.
+    /// Transfers lost so far, by their 5-bit identifiers: the sequence numbers of the messages tell of 32 and more.
     pub const fn missed(&self) -> u32 {
         self.missed
     }

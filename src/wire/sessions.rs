@@ -10,7 +10,6 @@ use super::receive::{Reassembler, Transfer, TransferError};
 /// specification 1.0, section 4.1.2.4: 2 s).
 pub const TRANSFER_TIMEOUT_US: u64 = 2_000_000;
 
-/// One stream of transfers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Stream {
     source: NodeId,
@@ -40,12 +39,6 @@ pub enum SessionError {
     Transfer(TransferError),
     /// A message without a sender.
     Anonymous,
-}
-
-impl<const N: usize, const CAPACITY: usize> Default for Sessions<N, CAPACITY> {
-    fn default() -> Self {
-        Self::new()
-    }
 }
 
 impl<const N: usize, const CAPACITY: usize> Sessions<N, CAPACITY> {

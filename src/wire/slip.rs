@@ -15,9 +15,8 @@ use crate::params::{CLASSES, MAX_SENSORS};
 pub const SLIP_PORT: u16 = 6203;
 /// Of `slipsense.Slip.1.0`, in old recordings.
 pub const SLIP_1_PORT: u16 = 6200;
-/// Ahead of all control traffic of a robot (Fast and below), so that the slip message waits for at
-/// most the one frame already on the wire. Exceptional stays free for the emergency stop of whoever
-/// builds the robot.
+/// Ahead of a robot's control traffic (Fast and below), so that the slip message waits for at most the one frame on the
+/// wire. Exceptional stays free for the emergency stop.
 pub const SLIP_PRIORITY: Priority = Priority::Immediate;
 
 /// Bytes of an encoded [`SlipMessage`].

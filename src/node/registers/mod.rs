@@ -1,9 +1,8 @@
 //! uavcan.register: every setting by name, and the state of the node.
 //!
-//! The list has the settings first, then what can only be read, then for every setting its largest (`<`),
-//! smallest (`>`) and default (`=`) value, which are registers of their own by the standard. The answer to a
-//! write is always what the register holds afterwards: a value that is refused shows there, and is named in
-//! a diagnostic record.
+//! The list has the settings first, then what can only be read, then for every setting its largest (`<`), smallest (`>`)
+//! and default (`=`) value, registers of their own by the standard. The answer to a write is what the register holds
+//! afterwards: a value that is refused shows there, and is named in a diagnostic record.
 
 mod read_only;
 mod value;
@@ -87,7 +86,6 @@ fn name(index: usize) -> (&'static str, Option<u8>) {
 /// What an Access request led to.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Effect {
-    /// Nothing was written.
     Read,
     /// A setting has a new value.
     Changed(Setting),

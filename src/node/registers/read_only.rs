@@ -10,7 +10,6 @@ use crate::health::{SelfChecks, Status};
 use crate::params::{MAX_SENSORS, TAXEL_ROWS};
 use crate::settings::{ELEMENTS_MAX, Kind};
 
-/// Which register.
 #[derive(Clone, Copy)]
 pub(super) enum ReadOnly {
     LateFrames,
@@ -77,7 +76,6 @@ pub(super) const READ_ONLY: [(&str, ReadOnly); 24 + 2 * MAX_SENSORS] = [
 
 const _: () = assert!(TAXEL_ROWS <= ELEMENTS_MAX);
 
-/// Where the values are.
 pub(in crate::node) struct NodeState<'a> {
     pub status: &'a Status,
     pub identity: &'a Identity,

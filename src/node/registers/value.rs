@@ -31,9 +31,7 @@ fn length_bytes(kind: Kind) -> usize {
 /// What somebody wants to write.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Written {
-    /// Nothing: only read.
     Nothing,
-    /// These numbers.
     Numbers(Vec<i64, ELEMENTS_MAX>),
     /// Text, bytes or real numbers, more numbers than any setting has, or bytes that are no value.
     Unusable,
@@ -71,7 +69,6 @@ pub(super) fn read(fields: &mut Fields<'_>) -> Written {
     if fields.is_whole() { Written::Numbers(numbers) } else { Written::Unusable }
 }
 
-/// Write numbers.
 pub(super) fn put_numbers(writer: &mut Writer<'_>, kind: Kind, numbers: &[i64]) {
     let index = KINDS.iter().position(|&other| other == kind).unwrap_or(0);
     writer.put(&[TAG_FIRST + index as u8]);
@@ -88,7 +85,6 @@ pub(super) fn put_numbers(writer: &mut Writer<'_>, kind: Kind, numbers: &[i64]) 
     }
 }
 
-/// Write bytes.
 pub(super) fn put_bytes(writer: &mut Writer<'_>, bytes: &[u8]) {
     writer.put(&[TAG_UNSTRUCTURED]);
     writer.put(&(bytes.len() as u16).to_le_bytes());

@@ -142,15 +142,12 @@ pub fn weighted_sums(weights: &[i32], rows: &[u32], stride: usize) -> [i32; SUMS
         return portable::weighted_sums(weights, rows, stride);
     }
     let mut sums = [0; SUMS];
+    let (w, rows, count, out) = (weights.as_ptr(), rows.as_ptr(), weights.len(), sums.as_mut_ptr());
     // SAFETY: reads the weights and four words of as many rows, which are there, checked above; writes `sums`.
     unsafe {
         match stride {
-            32 => {
-                slipsense_weighted_sums_128(weights.as_ptr(), rows.as_ptr(), weights.len(), sums.as_mut_ptr())
-            }
-            _ => {
-                slipsense_weighted_sums_256(weights.as_ptr(), rows.as_ptr(), weights.len(), sums.as_mut_ptr())
-            }
+            32 => slipsense_weighted_sums_128(w, rows, count, out),
+            _ => slipsense_weighted_sums_256(w, rows, count, out),
         }
     }
     sums

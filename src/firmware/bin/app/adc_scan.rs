@@ -40,7 +40,6 @@ use slipsense::params::{FRAME_PERIOD_US, MAX_SENSORS, TAXELS};
 use slipsense::pipeline::FrameStamp;
 use static_cell::{ConstStaticCell, StaticCell};
 
-/// Of the firmware.
 pub const TIMING: SlotTiming = SlotTiming::new(TIMER_HZ, ADC_HZ);
 /// The address lines are the pins of port E from this one on.
 const FIRST_PIN: u32 = 2;
@@ -83,9 +82,7 @@ static ARRAYS: AtomicU32 = AtomicU32::new(1);
 static TRIGGER_TICKS: AtomicU32 = AtomicU32::new(TIMING.trigger_ticks);
 
 pub struct Hardware {
-    /// Slots.
     pub timer: Peri<'static, peripherals::TIM8>,
-    /// Codes.
     pub adc: Peri<'static, peripherals::ADC1>,
     /// From the ADC to the ring.
     pub codes_dma: Peri<'static, peripherals::DMA1_CH0>,

@@ -94,8 +94,8 @@ impl BitTiming {
     }
 }
 
-/// 1 Mbit/s, sampled at 80 %. By hand, because the driver's `set_bitrate` caps a bit at 10 quanta with a
-/// jump width of 1, too coarse for a bus that others drive from their own oscillators.
+/// 1 Mbit/s, sampled at 80 %. The driver's `set_bitrate` caps a bit at 10 quanta with a jump width of 1, too coarse for
+/// a bus that others drive from their own oscillators.
 const NOMINAL: BitTiming = BitTiming { seg1: 63, seg2: 16, sync_jump_width: 16 };
 /// 5 Mbit/s, sampled at 75 %: what any CAN FD transceiver carries.
 const DATA_5M: BitTiming = BitTiming { seg1: 11, seg2: 4, sync_jump_width: 4 };
@@ -115,7 +115,6 @@ const _: () = {
     assert!(DATA_8M.bit_rate() == 8_000_000 && FDCAN_KERNEL_HZ.is_multiple_of(8_000_000));
 };
 
-/// Where messages leave.
 pub struct CanBus {
     tx: CanTx<'static>,
     /// The hardware buffer that each slot's last frame was put into.
@@ -300,9 +299,8 @@ impl CanReceive for Inbox {
     }
 }
 
-/// Beyond 1 Mbit/s the transceiver's loop delay exceeds a bit, and a sender that compares without
-/// allowing for it sees errors. embassy-stm32 0.6 stores the setting and never writes it (#5273). The
-/// offset puts the secondary sample point where the primary one lies.
+/// Beyond 1 Mbit/s the transceiver's loop delay exceeds a bit. embassy-stm32 0.6 stores the setting and never writes it
+/// (#5273). The offset puts the secondary sample point where the primary one lies.
 fn compensate_transceiver_delay(data: &BitTiming) {
     let registers = pac::FDCAN1;
     registers.cccr().modify(|w| w.set_init(true));

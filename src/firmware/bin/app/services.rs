@@ -34,7 +34,6 @@ const RNG_SPINS: u32 = 10_000;
 
 /// The task and all that it remembers.
 pub type BoardServices = Services<'static, Mutex, Inbox, Uptime, Station>;
-/// Where settings are kept.
 pub type Store = SettingsStore<FlashPartition, &'static mut Scratch>;
 #[unsafe(link_section = ".axisram")]
 static STORE_SCRATCH: ConstStaticCell<Scratch> = ConstStaticCell::new(SCRATCH);

@@ -34,7 +34,6 @@ pub struct Updates {
     model_trial: Trial,
     model: ImageVersion,
     confirms: [bool; 2],
-    /// Lines for the bus.
     pub notices: Deque<Notice, NOTICES>,
 }
 

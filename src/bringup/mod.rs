@@ -221,12 +221,11 @@ impl fmt::Display for Finding {
 
 /// A check and what it found, as a line of the log and a record on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub struct Verdict {
-    /// What was checked.
     pub check: &'static str,
     /// Connector, where there is one for each sensor.
     pub sensor: Option<usize>,
-    /// What came out.
     pub finding: Finding,
 }
 

@@ -13,8 +13,8 @@ use crate::sensor::TaxelMask;
 
 /// What there is to say about the sensors beside their readings. Entries beyond the sensors in use are zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub struct SensorReport {
-    /// Accelerometers.
     pub xl: [XlCounters; MAX_SENSORS],
     /// Samples of each accelerometer, at its native rate, that nobody could read.
     pub xl_lost: [u64; MAX_SENSORS],
@@ -22,7 +22,6 @@ pub struct SensorReport {
     pub xl_rate_mhz: [u64; MAX_SENSORS],
     /// Frames whose scan was lost.
     pub lost_scans: u32,
-    /// Which arrays are dead.
     pub dead_arrays: [bool; MAX_SENSORS],
     /// Faulty and stuck taxels of each array.
     pub stuck_taxels: [TaxelMask; MAX_SENSORS],

@@ -50,10 +50,9 @@ static TWIDDLE_128_Q31: [[i32; 2]; HALF / 2 - 1] = {
 
 /// A complex number; the scale depends on the stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the parts")]
 pub struct Complex {
-    /// Real part.
     pub re: i32,
-    /// Imaginary part.
     pub im: i32,
 }
 

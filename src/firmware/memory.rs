@@ -24,11 +24,9 @@ const fn size(bits: u32) -> u32 {
     (bits - 1) << 1
 }
 
-/// Regions of the MPU.
 const MPU_REGIONS: u32 = 16;
 /// Number of the first region that is a sector of the flash that is written.
 const FIRST_SECTOR_REGION: u32 = REGIONS.len() as u32;
-/// Sectors that are written.
 const SECTORS: u32 = BOARD.written().bytes() / SECTOR_BYTES;
 const _: () = assert!(FIRST_SECTOR_REGION + SECTORS <= MPU_REGIONS && SECTOR_BYTES.is_power_of_two());
 

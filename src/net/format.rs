@@ -175,12 +175,11 @@ pub const TENSORS: usize = 3 * 7 + 3 * (3 * 4 + 7) + 3;
 
 /// How a tensor's numbers are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the names say it")]
 pub enum Kind {
     /// Weights: two bytes per coefficient, in the order of [`packing`].
     Weights(Inputs),
-    /// Two bytes.
     I16,
-    /// Four bytes.
     I32,
 }
 

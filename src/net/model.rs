@@ -148,12 +148,11 @@ pub struct Attention<'a> {
 
 /// A checked model file.
 #[derive(Clone, Copy, Debug)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub struct Model<'a> {
-    /// Sizes.
     pub dims: Dims,
     /// When the flag is up.
     pub point: OperatingPoint,
-    /// The three convolution blocks.
     pub conv: [Layer<'a>; 3],
     /// Taxel features to the embedding.
     pub piezo_dense: Layer<'a>,
@@ -165,7 +164,6 @@ pub struct Model<'a> {
     pub cross_xl: Attention<'a>,
     /// The fused vector over its own past.
     pub temporal: Attention<'a>,
-    /// To the three logits.
     pub head: Layer<'a>,
     /// How the model was made: UTF-8 JSON.
     pub provenance: &'a str,

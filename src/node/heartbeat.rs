@@ -39,7 +39,6 @@ pub(super) fn health(status: &Status, flags: u8) -> Condition {
     status.condition().max(by_flags)
 }
 
-/// The message.
 pub(super) fn encode(uptime_s: u32, health: Condition, mode: Mode, flags: u8) -> [u8; HEARTBEAT_BYTES] {
     let mut out = [0; HEARTBEAT_BYTES];
     let mut writer = Writer::new(&mut out);

@@ -45,10 +45,9 @@ const fn decimal(text: &str) -> u8 {
 
 /// What a node is.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub struct Identity {
-    /// Of the board.
     pub hardware_version: Version,
-    /// Of the firmware.
     pub software_version: Version,
     /// The first 64 bits of the git commit it was built from, [`COMMIT`] in a firmware; 0: not known.
     pub vcs_revision: u64,

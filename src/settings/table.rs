@@ -100,10 +100,9 @@ pub type Together = (fn(&[i64]) -> bool, &'static str);
 
 /// All there is to know about a setting. Every setting can be written on the bus and stored in flash.
 #[derive(Clone, Copy, Debug)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub struct Definition {
-    /// Which.
     pub setting: Setting,
-    /// Name of its register.
     pub name: &'static str,
     /// How its elements are written.
     pub kind: Kind,

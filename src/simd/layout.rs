@@ -46,10 +46,9 @@ pub struct Map<'a> {
 
 /// A feature map to be written; its border is left as it is.
 #[derive(Debug)]
+#[expect(missing_docs, reason = "as in a [`Map`]")]
 pub struct MapMut<'a> {
-    /// [`MapShape::len`] words.
     pub words: &'a mut [u32],
-    /// How they lie.
     pub shape: MapShape,
 }
 

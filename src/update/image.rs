@@ -137,16 +137,14 @@ impl FromStr for ImageVersion {
 
 /// What stands before a payload.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "as in the layout above")]
 pub struct Header {
-    /// What the payload is.
     pub target: UpdateTarget,
     /// The board it is for; 0 for any.
     pub board: u16,
-    /// Its version.
     pub version: ImageVersion,
     /// Bytes of the payload.
     pub length: u32,
-    /// SHA-256 of the payload.
     pub sha256: [u8; 32],
 }
 

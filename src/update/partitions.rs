@@ -42,12 +42,12 @@ impl Span {
 
 /// The flash of a board. Every partition is whole sectors, and none reaches into another.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named after what they are")]
 pub struct Partitions {
     /// What an image names the board by.
     pub id: u16,
     /// As on the label.
     pub label: &'static str,
-    /// The bootloader.
     pub boot: Span,
     /// The firmware that runs, linked to run here.
     pub active: Span,
@@ -57,9 +57,7 @@ pub struct Partitions {
     pub state: Span,
     /// A model that is taken in place of the one in the firmware.
     pub model: Span,
-    /// Settings.
     pub settings: Span,
-    /// All of it.
     pub flash: Span,
 }
 

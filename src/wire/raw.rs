@@ -51,14 +51,11 @@ pub struct RawFrame<'a> {
 
 /// A [`RawFrame`] as received.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "as in a [`RawFrame`]")]
 pub struct RawMessage {
-    /// Time of the tick that closed the frame, microseconds of the sender's clock.
     pub timestamp_us: u64,
-    /// Number of the frame.
     pub sequence: u32,
-    /// Which sensor, from 0.
     pub sensor: u8,
-    /// Bits of [`health`].
     pub health: u8,
     /// The array scan; all zero if [`health::PIEZO_MISSING`] is set.
     pub piezo: PiezoFrame,

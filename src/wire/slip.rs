@@ -113,8 +113,9 @@ pub struct SlipMessage {
     pub contact: [SensorContact; MAX_SENSORS],
 }
 
-/// The contact on one pad, as sent. Rows and columns count taxels from the pad's corner (0, 0).
+/// Health and [contact](crate::contact::ContactSummary) of one pad, as sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[expect(missing_docs, reason = "as in a [`ContactSummary`](crate::contact::ContactSummary)")]
 pub struct SensorContact {
     /// Bits of [`crate::health`].
     pub health: u8,
@@ -122,31 +123,23 @@ pub struct SensorContact {
     pub sum: u32,
     /// Taxels in contact, 0 to 942.
     pub area: u16,
-    /// Centre of pressure, row.
     pub centroid_row: Q<u16, 8>,
-    /// Centre of pressure, column.
     pub centroid_col: Q<u16, 8>,
-    /// Direction of the long axis, −90 to 89 degrees: 0 runs along a row, positive turns from growing
-    /// columns towards growing rows.
     pub axis_deg: i8,
-    /// 1 − (short axis / long axis): 0 is round, 255/256 a line.
     pub elongation: Q<u8, 8>,
 }
 
 /// What a slip message says of its sender, beside the decision. The default is a simulator's: uncalibrated, never late.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[expect(missing_docs, reason = "as in a [`SlipMessage`]")]
 pub struct Origin {
-    /// See [`SlipMessage::starts`].
     pub starts: u8,
-    /// See [`SlipMessage::late_frames`].
     pub late_frames: u8,
-    /// This decision is late.
     pub late: bool,
     /// A self test has failed.
     pub self_test_failed: bool,
     /// What the sender's checks of itself say against the flag: bits such as [`INVALID_MEMORY`].
     pub invalid: u8,
-    /// See [`SlipMessage::locked`].
     pub locked: bool,
     /// Name of each array's calibration; 0: none.
     pub calibrations: [u32; MAX_SENSORS],

@@ -100,6 +100,12 @@ impl Mailbox {
     }
 }
 
+impl Default for Mailbox {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 /// The board's end.
 #[derive(Clone, Copy, Debug)]
 pub struct BoardEnd {

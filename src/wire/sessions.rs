@@ -41,6 +41,12 @@ pub enum SessionError {
     Anonymous,
 }
 
+impl<const N: usize, const CAPACITY: usize> Default for Sessions<N, CAPACITY> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl<const N: usize, const CAPACITY: usize> Sessions<N, CAPACITY> {
     /// Before the first frame.
     pub const fn new() -> Self {

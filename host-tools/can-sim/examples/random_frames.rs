@@ -16,6 +16,16 @@ impl Random {
     }
 }
 
+/// What the frames are, ours twice as often.
+const FORMATS: [(&str, Format); 6] = [
+    ("classic", Format::Classic),
+    ("remote", Format::Remote),
+    ("fd", Format::Fd { bit_rate_switch: false, error_passive: false }),
+    ("fd-brs", Format::FD),
+    ("fd-brs", Format::FD),
+    ("fd-brs-esi", Format::Fd { bit_rate_switch: true, error_passive: true }),
+];
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
     let (Some(count), Some(path)) = (arguments.next(), arguments.next()) else {
@@ -28,13 +38,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let extended = random.next(2) == 1;
         // Long runs of equal bits as often as random ones.
         let mask = [0, 0x1FFF_FFFF, 0x0FF0_0FF0][random.next(3) as usize];
-        let id = random.next(1 << 29) & mask;
-        let id = if extended { Id::Extended(id) } else { Id::Standard((id & 0x7FF) as u16) };
-        let format = match random.next(6) {
-            0 => Format::Classic,
-            1 => Format::Remote,
-            n => Format::Fd { bit_rate_switch: n > 2, error_passive: n > 4 },
-        };
+        let number = random.next(1 << 29) & mask & if extended { u32::MAX } else { 0x7FF };
+        let id = if extended { Id::Extended(number) } else { Id::Standard(number as u16) };
+        let (name, format) = FORMATS[random.next(6) as usize];
         let Ok(mut frame) = Frame::with_dlc(id, format, random.next(16) as u8) else { continue };
         let style = random.next(4);
         for byte in frame.data_mut() {
@@ -45,18 +51,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 _ => [0xF8, 0x07, 0x1F, 0x00, 0x83][random.next(5) as usize],
             };
         }
-        let number = match id {
-            Id::Standard(id) => u32::from(id),
-            Id::Extended(id) => id,
-        };
-        let name = match format {
-            Format::Classic => "classic",
-            Format::Remote => "remote",
-            Format::Fd { bit_rate_switch: false, error_passive: false } => "fd",
-            Format::Fd { bit_rate_switch: true, error_passive: false } => "fd-brs",
-            Format::Fd { bit_rate_switch: false, error_passive: true } => "fd-esi",
-            Format::Fd { bit_rate_switch: true, error_passive: true } => "fd-brs-esi",
-        };
         let data: String = frame.data().iter().map(|byte| format!("{byte:02x}")).collect();
         let (mut levels, mut rates) = (String::new(), String::new());
         wire_bits(&frame, |bit| {

@@ -53,8 +53,6 @@ pub struct Attempt {
 pub struct Bus<const N: usize> {
     timing: Timing,
     nodes: [FaultConfinement; N],
-    /// Is the node there, powered and willing to acknowledge?
-    listening: [bool; N],
     /// From when each node may start a frame.
     ready: [u64; N],
     /// When each bus-off node may return; `u64::MAX` until its software asks.
@@ -62,15 +60,9 @@ pub struct Bus<const N: usize> {
 }
 
 impl<const N: usize> Bus<N> {
-    /// A quiet bus, all nodes listening.
+    /// A quiet bus. All nodes are there and acknowledge.
     pub const fn new(timing: Timing) -> Self {
-        Self {
-            timing,
-            nodes: [FaultConfinement::new(); N],
-            listening: [true; N],
-            ready: [0; N],
-            returns: [u64::MAX; N],
-        }
+        Self { timing, nodes: [FaultConfinement::new(); N], ready: [0; N], returns: [u64::MAX; N] }
     }
 
     pub const fn timing(&self) -> &Timing {
@@ -101,11 +93,6 @@ impl<const N: usize> Bus<N> {
         &self.nodes[node]
     }
 
-    /// A node leaves or joins: one that does not listen neither acknowledges nor sends.
-    pub const fn set_listening(&mut self, node: usize, listening: bool) {
-        self.listening[node] = listening;
-    }
-
     /// The software of a node that is off asks to return: after 128 times 11 recessive bits, of which the idle
     /// bus gives one after the other.
     pub fn request_recovery(&mut self, node: usize, now: u64) {
@@ -129,7 +116,7 @@ impl<const N: usize> Bus<N> {
 
     /// May this node start a frame at some time, and from when?
     pub fn ready(&self, node: usize) -> Option<u64> {
-        (self.listening[node] && self.nodes[node].state() != ErrorState::BusOff).then_some(self.ready[node])
+        (self.nodes[node].state() != ErrorState::BusOff).then_some(self.ready[node])
     }
 
     /// The next frame on the bus at or after `now`, given what each node has to send from `now` on. All that may
@@ -204,8 +191,7 @@ impl<const N: usize> Bus<N> {
                 (Outcome::NotAcknowledged, true) => counters.not_acknowledged(),
                 (Outcome::NotAcknowledged, false) => {}
                 (Outcome::Error(_), true) => counters.transmit_error(),
-                // All see the error in the same bit, so nobody's flag is the first.
-                (Outcome::Error(_), false) => counters.receive_error(false),
+                (Outcome::Error(_), false) => counters.receive_error(),
             }
         }
     }

@@ -7,7 +7,7 @@
 //! Other nodes' frames are full ones whose identifiers lie between the slip and the raw messages'. Traffic above the
 //! slip message, an emergency stop for example, is left out, and so are heartbeats and service calls.
 
-use crate::{Bus, Collision, Disturbance, Format, Frame, Id, Timing, dlc_of, worst_case};
+use crate::{Bus, Disturbance, Format, Frame, Id, Timing, dlc_of, worst_case};
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS, XL_RATE_HZ};
 use slipsense::sensor::{PiezoFrame, SensorInput};
 use slipsense::wire::{
@@ -54,7 +54,7 @@ pub struct Sample {
 impl Sample {
     /// Add a frame; frames of other messages are passed over.
     pub fn push(&mut self, frame: &CanFrame) {
-        let Some(model) = model_frame(frame) else { return };
+        let Ok(model) = Frame::new(Id::Extended(frame.id()), Format::FD, frame.data()) else { return };
         match MessageId::from_can(frame.id()).map(|id| id.port) {
             Ok(SLIP_PORT) => self.slip.push(model),
             Ok(RAW_PORT | COMPRESSED_PORT) => {
@@ -107,13 +107,7 @@ pub struct BusLoad {
 pub const SIMULATED_PERIODS: u32 = 1440;
 
 /// Calculate and simulate. `sample` must be [complete](Sample::is_complete).
-pub fn plan(
-    plan: &Plan,
-    sample: &Sample,
-    nominal_bps: u32,
-    data_bps: u32,
-    timing: &Timing,
-) -> Result<BusLoad, Collision> {
+pub fn plan(plan: &Plan, sample: &Sample, timing: &Timing) -> BusLoad {
     let longest = Longest::new(plan, timing);
     let cycles = |frames: &[Frame]| -> u64 {
         frames.iter().map(|frame| timing.frame(frame) + timing.intermission()).sum()
@@ -126,22 +120,22 @@ pub fn plan(
     );
     let worst = load(plan, timing, longest.slip as f64, longest.raw_message as f64);
     let foreign = if plan.foreign_percent > 0 { longest.foreign } else { 0 };
-    let latency =
-        |slip_cycles: u64, raw_cycles: u64, slip: &[Frame], raw: &[Frame]| -> Result<_, Collision> {
-            let blocking = foreign.max(if plan.raw_every > 0 { raw_cycles } else { 0 });
-            let us = |cycles: u64| timing.ns(cycles) as f64 / 1000.0;
-            Ok(Latency {
-                calculated_us: us(wait(plan, timing, blocking, slip_cycles)),
-                simulated_us: us(simulate(plan, timing, slip, raw)?),
-            })
-        };
+    let latency = |slip_cycles: u64, raw_cycles: u64, slip: &[Frame], raw: &[Frame]| {
+        let blocking = foreign.max(if plan.raw_every > 0 { raw_cycles } else { 0 });
+        let us = |cycles: u64| timing.ns(cycles) as f64 / 1000.0;
+        Latency {
+            calculated_us: us(wait(plan, timing, blocking, slip_cycles)),
+            simulated_us: us(simulate(plan, timing, slip, raw)),
+        }
+    };
     let frame_max = |frames: &[Frame]| frames.iter().map(|frame| timing.frame(frame)).max().unwrap_or(0);
-    let latency_exact = latency(frame_max(&sample.slip), frame_max(&sample.raw), &sample.slip, &sample.raw)?;
+    let latency_exact = latency(frame_max(&sample.slip), frame_max(&sample.raw), &sample.slip, &sample.raw);
     let longest_slip = longest_frame(slip_id(0), 64, timing);
     let longest_raw = longest_frame(raw_id(plan, 0), longest.raw_bytes, timing);
     let slip_cycles = longest.slip - timing.intermission();
-    let latency_worst = latency(slip_cycles, longest.raw_frame, &[longest_slip], &[longest_raw])?;
-    Ok(BusLoad { nominal_bps, data_bps, exact, worst, latency_exact, latency_worst })
+    let latency_worst = latency(slip_cycles, longest.raw_frame, &[longest_slip], &[longest_raw]);
+    let [nominal_bps, data_bps] = [timing.nominal, timing.data].map(|bit| timing.clock_hz / bit.cycles());
+    BusLoad { nominal_bps, data_bps, exact, worst, latency_exact, latency_worst }
 }
 
 fn load(plan: &Plan, timing: &Timing, slip_cycles: f64, raw_cycles: f64) -> Load {
@@ -257,10 +251,6 @@ fn longest_frame(id: u32, bytes: usize, timing: &Timing) -> Frame {
     candidates.max_by_key(|frame| timing.frame(frame)).expect("a length of CAN FD, not 0")
 }
 
-fn model_frame(frame: &CanFrame) -> Option<Frame> {
-    Frame::new(Id::Extended(frame.id()), Format::FD, frame.data()).ok()
-}
-
 /// The same data under another identifier.
 fn readdressed(frame: &Frame, id: u32) -> Frame {
     Frame::new(Id::Extended(id), Format::FD, frame.data()).unwrap_or(*frame)
@@ -269,7 +259,7 @@ fn readdressed(frame: &Frame, id: u32) -> Frame {
 /// The longest wait of the last module's slip messages on a bus that raw messages and, if there are any, frames of
 /// other nodes fill without a pause. Every period all modules hand over their slip message one bit after a frame
 /// has begun: the worst instant there is.
-fn simulate(plan: &Plan, timing: &Timing, slip: &[Frame], raw: &[Frame]) -> Result<u64, Collision> {
+fn simulate(plan: &Plan, timing: &Timing, slip: &[Frame], raw: &[Frame]) -> u64 {
     const OTHERS: usize = NODES_MAX;
     let mut bus: Bus<{ NODES_MAX + 1 }> = Bus::new(*timing);
     let foreign_id = MessageId { priority: Priority::Nominal, port: 1000, node: address(NODES_MAX) }.to_can();
@@ -294,7 +284,8 @@ fn simulate(plan: &Plan, timing: &Timing, slip: &[Frame], raw: &[Frame]) -> Resu
             }
         }
         let offered = core::array::from_fn(|node| frames[node].as_ref());
-        let handed_over = match bus.attempt(now, &offered, Disturbance::default())? {
+        let attempt = bus.attempt(now, &offered, Disturbance::default());
+        let handed_over = match attempt.expect("each node has identifiers of its own") {
             // Nothing fills this bus: the slip messages go when they come.
             None => {
                 now = next_tick;
@@ -323,7 +314,7 @@ fn simulate(plan: &Plan, timing: &Timing, slip: &[Frame], raw: &[Frame]) -> Resu
             }
         }
     }
-    Ok(longest)
+    longest
 }
 
 const _: () = assert!(MAX_SENSORS == 3 && FD_LENGTHS[15] == 64);
@@ -348,7 +339,7 @@ mod tests {
     const COMPRESSED: Plan = Plan { raw_form: RawForm::Compressed(Detail::All), ..ONE };
 
     fn planned(asked: Plan, data_bps: u32) -> BusLoad {
-        plan(&asked, &sample(33), 1_000_000, data_bps, &timing(data_bps)).unwrap()
+        plan(&asked, &sample(33), &timing(data_bps))
     }
 
     fn sample(samples: usize) -> Sample {

@@ -1,10 +1,8 @@
 //! Fault confinement: error counters, error passive, bus-off and the way back (ISO 11898-1:2015, fault
 //! confinement).
 
-/// Occurrences of 11 recessive bits in a row after which a node that is off may return.
-const RECOVERY_SEQUENCES: u64 = 128;
 /// The shortest way back from bus-off, in nominal bits: 128 times 11 recessive bits.
-pub const RECOVERY_BITS: u64 = RECOVERY_SEQUENCES * 11;
+pub const RECOVERY_BITS: u64 = 128 * 11;
 
 /// Both counters at most this: error active.
 const ACTIVE_MAX: u16 = 127;
@@ -25,12 +23,11 @@ pub enum ErrorState {
 pub struct FaultConfinement {
     tec: u16,
     rec: u16,
-    off: bool,
 }
 
 impl FaultConfinement {
     pub const fn new() -> Self {
-        Self { tec: 0, rec: 0, off: false }
+        Self { tec: 0, rec: 0 }
     }
 
     /// Transmit error counter; above 255 the node is off.
@@ -43,7 +40,7 @@ impl FaultConfinement {
     }
 
     pub const fn state(&self) -> ErrorState {
-        if self.off {
+        if self.tec > OFF_ABOVE {
             ErrorState::BusOff
         } else if self.tec > ACTIVE_MAX || self.rec > ACTIVE_MAX {
             ErrorState::Passive
@@ -71,9 +68,6 @@ impl FaultConfinement {
     /// Rule: a transmitter that sends an error flag counts 8. At more than 255 it is off.
     pub const fn transmit_error(&mut self) {
         self.tec += 8;
-        if self.tec > OFF_ABOVE {
-            self.off = true;
-        }
     }
 
     /// Nobody acknowledged. Exception to the rule above: an error-passive transmitter that sees no dominant bit
@@ -85,12 +79,11 @@ impl FaultConfinement {
         }
     }
 
-    /// Rule: a receiver that detects an error counts 1; 8 more if it is first to, the bit after its flag being
-    /// dominant. Stops counting at passive, as an 8 bit counter of a controller does at 128.
-    pub const fn receive_error(&mut self, first_to_see: bool) {
-        let by = if first_to_see { 9 } else { 1 };
+    /// Rule: a receiver that detects an error counts 1; the 8 more of the first to see it are not modelled, as all see
+    /// it in the same bit. Stops counting at passive, as an 8 bit counter of a controller does at 128.
+    pub const fn receive_error(&mut self) {
         if self.rec <= ACTIVE_MAX {
-            self.rec += by;
+            self.rec += 1;
         }
     }
 

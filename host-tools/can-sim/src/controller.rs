@@ -55,23 +55,12 @@ struct Slot {
 }
 
 #[derive(Clone, Copy, Debug)]
-enum Sender {
-    Foreign,
-    Own(TxSlot),
-}
-
-#[derive(Clone, Copy, Debug)]
 struct OnWire {
-    sender: Sender,
+    /// Of our frame; `None`: it is another node's.
+    slot: Option<TxSlot>,
     ends_ns: u64,
-    /// `None`: it arrives.
-    fault: Option<Fault>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Fault {
-    Destroyed,
-    NotAcknowledged,
+    /// How its failure counts; `None`: it arrives.
+    fault: Option<fn(&mut FaultConfinement)>,
 }
 
 /// The bus and our node's hardware on it.
@@ -137,7 +126,7 @@ impl Bus {
     pub fn withdraw(&mut self, tx_slot: TxSlot) {
         let slot = &mut self.slots[tx_slot as usize];
         match (&self.wire, slot.as_mut()) {
-            (Some(OnWire { sender: Sender::Own(on_wire), .. }), Some(held)) if *on_wire == tx_slot => {
+            (Some(OnWire { slot: Some(on_wire), .. }), Some(held)) if *on_wire == tx_slot => {
                 held.taken_back = true;
             }
             _ => *slot = None,
@@ -174,16 +163,16 @@ impl Bus {
                 Some(wire) => {
                     self.wire = None;
                     self.free_ns = wire.ends_ns;
-                    if let Sender::Own(tx_slot) = wire.sender {
+                    if let Some(tx_slot) = wire.slot {
                         self.ended(tx_slot, wire, &mut arrived);
                     }
                 }
                 None => {
-                    let Some((starts_ns, sender)) = self.next_start().filter(|&(starts, _)| starts <= now_ns)
+                    let Some((starts_ns, slot)) = self.next_start().filter(|&(starts, _)| starts <= now_ns)
                     else {
                         return;
                     };
-                    self.start(sender, starts_ns);
+                    self.start(slot, starts_ns);
                 }
             }
         }
@@ -221,7 +210,8 @@ impl Bus {
         self.times.recovery(self.disturbance.foreign_load_percent, FOREIGN_BYTES)
     }
 
-    fn next_start(&self) -> Option<(u64, Sender)> {
+    /// When the next frame starts, and from which of our slots; `None`: another node's.
+    fn next_start(&self) -> Option<(u64, Option<TxSlot>)> {
         let foreign = (self.disturbance.foreign_load_percent > 0).then(|| self.foreign_ns.max(self.free_ns));
         let ready = |slot: &Slot| slot.since_ns.max(self.free_ns).max(self.off_until_ns.unwrap_or(0));
         let own = self.slots.iter().flatten().map(ready).min();
@@ -233,36 +223,35 @@ impl Bus {
         let waiting = slots.filter(|(_, slot)| ready(slot) <= starts_ns);
         let first = waiting.min_by_key(|(_, slot)| slot.frame.id());
         let foreign_waits = foreign.is_some_and(|ready| ready <= starts_ns);
-        Some(match first {
-            Some((tx_slot, slot)) if !foreign_waits || slot.frame.id() < FOREIGN_ID => {
-                (starts_ns, Sender::Own(tx_slot))
-            }
-            _ => (starts_ns, Sender::Foreign),
-        })
+        let goes = first.filter(|(_, slot)| !foreign_waits || slot.frame.id() < FOREIGN_ID);
+        Some((starts_ns, goes.map(|(tx_slot, _)| tx_slot)))
     }
 
-    fn start(&mut self, sender: Sender, starts_ns: u64) {
-        let (bytes, fault) = match sender {
-            Sender::Foreign => {
+    fn start(&mut self, slot: Option<TxSlot>, starts_ns: u64) {
+        let (bytes, fault) = match slot {
+            None => {
                 let period = self.times.frame(FOREIGN_BYTES) * 100 / self.disturbance.foreign_load_percent;
                 self.foreign_ns = self.foreign_ns.max(starts_ns.saturating_sub(period)) + period;
                 (FOREIGN_BYTES, None)
             }
-            Sender::Own(tx_slot) => {
+            Some(tx_slot) => {
                 self.transmissions = self.transmissions.wrapping_add(1);
                 let every = self.disturbance.error_every;
-                let fault = if self.disturbance.silent_ns.contains(&starts_ns) {
-                    Some(Fault::NotAcknowledged)
-                } else {
-                    self.transmissions.checked_rem(every).filter(|&rest| rest == 0).map(|_| Fault::Destroyed)
-                };
+                let fault: Option<fn(&mut FaultConfinement)> =
+                    if self.disturbance.silent_ns.contains(&starts_ns) {
+                        Some(FaultConfinement::not_acknowledged)
+                    } else if self.transmissions.checked_rem(every) == Some(0) {
+                        Some(FaultConfinement::transmit_error)
+                    } else {
+                        None
+                    };
                 let bytes = self.slots[tx_slot as usize].as_ref().map_or(0, |slot| slot.frame.data().len());
                 (bytes, fault)
             }
         };
         let error_ns = if fault.is_some() { self.times.error() } else { 0 };
         let ends_ns = starts_ns + self.times.frame(bytes) + error_ns;
-        self.wire = Some(OnWire { sender, ends_ns, fault });
+        self.wire = Some(OnWire { slot, ends_ns, fault });
     }
 
     fn ended(&mut self, tx_slot: TxSlot, wire: OnWire, arrived: &mut impl FnMut(Arrived)) {
@@ -276,10 +265,7 @@ impl Bus {
                 arrived(Arrived { at_ns: wire.ends_ns, handed_over_ns, slot: tx_slot, frame });
             }
             Some(fault) => {
-                match fault {
-                    Fault::Destroyed => self.confinement.transmit_error(),
-                    Fault::NotAcknowledged => self.confinement.not_acknowledged(),
-                }
+                fault(&mut self.confinement);
                 if slot.taken_back {
                     self.slots[tx_slot as usize] = None;
                 }

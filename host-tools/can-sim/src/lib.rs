@@ -9,12 +9,12 @@
 //!
 //! No allocation, no floating point: emulated peripheral, scheduler tests and bus planner use the same arithmetic.
 //! [`controller`] has a bus of its own: on the emulated core, to walk all bits of a frame would take longer than the
-//! tasks that it times, so there a frame of a length always takes that length's worst case. Times are whole cycles of the CAN kernel clock, so nothing is rounded until someone asks for
-//! nanoseconds.
+//! tasks that it times, so there a frame of a length always takes that length's worst case. Times are whole cycles of
+//! the CAN kernel clock, so nothing is rounded until someone asks for nanoseconds.
 //!
 //! The rules are ISO 11898-1:2015's, cited by the names of its fields and written from memory of the standard and
-//! of Bosch's CAN FD specification 1.0; the check values of the three CRCs are the published ones, and an encoder in
-//! Python that shares no code with this one is the oracle of the rest (`tests/python/check_can_bits.py`).
+//! of Bosch's CAN FD specification 1.0; an encoder in Python that shares no code with this one and gives the published
+//! check values of the three CRCs is the oracle of every bit (`tests/python/check_can_bits.py`).
 #![cfg_attr(not(feature = "busload"), no_std)]
 #![forbid(unsafe_code)]
 
@@ -31,8 +31,7 @@ mod worst_case;
 
 pub use bus::{Attempt, Bus, Collision, Disturbance, Outcome};
 pub use confinement::{ErrorState, FaultConfinement, RECOVERY_BITS};
-pub use crc::{CRC_15, CRC_17, CRC_21, Crc};
 pub use frame::{Format, Frame, FrameError, Id, MAX_DATA, dlc_of, len_of};
 pub use timing::{BitTiming, INTERMISSION, Timing, TimingError};
-pub use wire_bits::{Field, FrameBits, Rate, Stuff, WireBit, wire_bits};
+pub use wire_bits::{Field, FrameBits, Rate, WireBit, wire_bits};
 pub use worst_case::worst_case;

@@ -40,16 +40,8 @@ pub struct WireBit {
     pub level: bool,
     pub field: Field,
     pub rate: Rate,
-    pub stuff: Stuff,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stuff {
-    No,
-    /// After a run of equal bits.
-    Dynamic,
-    /// Of CAN FD's checksum field.
-    Fixed,
+    /// A stuff bit after a run of equal bits; not a fixed one of CAN FD's checksum field.
+    pub dynamic_stuff: bool,
 }
 
 /// How many bits of each kind. The intermission after the frame is not among them.
@@ -60,7 +52,6 @@ pub struct FrameBits {
     /// Was the rate switched? Then two more bits, BRS and CRC delimiter, are each split at their sample point.
     pub switched: bool,
     pub dynamic_stuff: u32,
-    pub fixed_stuff: u32,
 }
 
 impl FrameBits {
@@ -76,11 +67,7 @@ impl FrameBits {
             Rate::ToData => self.switched = true,
             Rate::ToNominal => {}
         }
-        match bit.stuff {
-            Stuff::No => {}
-            Stuff::Dynamic => self.dynamic_stuff += 1,
-            Stuff::Fixed => self.fixed_stuff += 1,
-        }
+        self.dynamic_stuff += bit.dynamic_stuff as u32;
     }
 
     pub fn of(frame: &Frame) -> Self {
@@ -96,11 +83,8 @@ pub(crate) const RUN: u8 = 5;
 const FIXED_DISTANCE: u32 = 4;
 /// CRC delimiter, ACK slot, ACK delimiter, end of frame: never stuffed.
 const TAIL: [Field; 10] = {
-    let mut tail = [Field::End; 10];
-    tail[0] = Field::CrcDelimiter;
-    tail[1] = Field::AckSlot;
-    tail[2] = Field::AckDelimiter;
-    tail
+    use Field::{AckDelimiter, AckSlot, CrcDelimiter, End};
+    [CrcDelimiter, AckSlot, AckDelimiter, End, End, End, End, End, End, End]
 };
 
 /// The bits before the data field, unstuffed: at most 41, the first in the highest place of `len`.
@@ -191,10 +175,10 @@ pub fn wire_bits(frame: &Frame, mut emit: impl FnMut(WireBit)) {
     let (header, crc) = (Header::of(frame), crc_of(frame.format(), data.len()));
     let (mut last, mut run) = (true, 0);
     // Is it the last of a full run of equal bits?
-    let mut send = |level, field, rate, stuff| {
+    let mut send = |level, field, rate, dynamic_stuff| {
         run = if level == last { run + 1 } else { 1 };
         last = level;
-        emit(WireBit { level, field, rate, stuff });
+        emit(WireBit { level, field, rate, dynamic_stuff });
         run == RUN
     };
 
@@ -212,11 +196,11 @@ pub fn wire_bits(frame: &Frame, mut emit: impl FnMut(WireBit)) {
             Ordering::Greater if switches => (Rate::Data, Rate::Data),
             _ => (Rate::Nominal, Rate::Nominal),
         };
-        let is_run = send(level, field, rate, Stuff::No);
+        let is_run = send(level, field, rate, false);
         // Not after the last bit of a CAN FD data field: the fixed stuff bit stands there.
         if is_run && !(fd && index + 1 == stuffed_len) {
             dynamic_stuff += 1;
-            send(!level, field, rate_behind, Stuff::Dynamic);
+            send(!level, field, rate_behind, true);
             if fd {
                 register = crc.next(register, !level);
             }
@@ -233,17 +217,17 @@ pub fn wire_bits(frame: &Frame, mut emit: impl FnMut(WireBit)) {
     let rate = if switches { Rate::Data } else { Rate::Nominal };
     for index in 0..checksum_len {
         if fd && index.is_multiple_of(FIXED_DISTANCE) {
-            send(!level, Field::Crc, rate, Stuff::Fixed);
+            send(!level, Field::Crc, rate, false);
         }
         level = checksum >> (checksum_len - 1 - index) & 1 != 0;
-        if send(level, Field::Crc, rate, Stuff::No) && !fd {
-            send(!level, Field::Crc, rate, Stuff::Dynamic);
+        if send(level, Field::Crc, rate, false) && !fd {
+            send(!level, Field::Crc, rate, true);
         }
     }
 
     for field in TAIL {
         let back = field == Field::CrcDelimiter && switches;
         let rate = if back { Rate::ToNominal } else { Rate::Nominal };
-        send(field != Field::AckSlot, field, rate, Stuff::No);
+        send(field != Field::AckSlot, field, rate, false);
     }
 }

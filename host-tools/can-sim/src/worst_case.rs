@@ -2,7 +2,7 @@
 
 use crate::frame::{Format, Frame, Id};
 use crate::timing::Timing;
-use crate::wire_bits::{FrameBits, Header, RUN, Stuff, crc_of, wire_bits};
+use crate::wire_bits::{FrameBits, Header, RUN, crc_of, wire_bits};
 
 /// By level and run length of the last bits: cycles of the stuff bits on the worst way there, or none such way.
 type Ways = [[Option<u64>; RUN as usize + 1]; 2];
@@ -48,7 +48,7 @@ pub fn worst_case(id: Option<Id>, extended: bool, format: Format, dlc: u8, timin
     let mut bits = FrameBits::default();
     // Everything but the stuff bits of the template is in every frame.
     wire_bits(&frame, |bit| {
-        if bit.stuff != Stuff::Dynamic {
+        if !bit.dynamic_stuff {
             bits.count(bit);
         }
     });

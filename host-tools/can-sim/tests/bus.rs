@@ -7,10 +7,13 @@ use slipsense_can_sim::{
 
 const NOMINAL: u64 = 80;
 const GOOD: Disturbance = Disturbance { wrong_bit: None, no_acknowledge: false };
-const UNHEARD: Disturbance = Disturbance { wrong_bit: None, no_acknowledge: true };
 
 fn timing() -> Timing {
     Timing::new(80_000_000, 1_000_000, 8_000_000).unwrap()
+}
+
+fn wrong(bit: u32) -> Disturbance {
+    Disturbance { wrong_bit: Some(bit), ..GOOD }
 }
 
 fn frame(id: u16) -> Frame {
@@ -43,12 +46,11 @@ fn a_frame_on_the_bus_is_not_interrupted() {
 /// ISO 11898-1: alone on the bus a node counts to 128, becomes error passive, and goes on trying for ever.
 #[test]
 fn a_node_alone_becomes_passive_and_never_goes_off() {
-    let mut bus = Bus::<2>::new(timing());
-    bus.set_listening(1, false);
+    let mut bus = Bus::<1>::new(timing());
     let frame = frame(0x123);
     let mut ends = Vec::new();
     for _ in 0..40 {
-        let attempt = bus.attempt(0, &[Some(&frame), None], GOOD).unwrap().unwrap();
+        let attempt = bus.attempt(0, &[Some(&frame)], GOOD).unwrap().unwrap();
         assert_eq!(attempt.outcome, Outcome::NotAcknowledged);
         ends.push((attempt.start, attempt.end));
     }
@@ -59,9 +61,6 @@ fn a_node_alone_becomes_passive_and_never_goes_off() {
     let whole = timing().frame(&frame);
     let to_ack = whole - 8 * NOMINAL;
     assert_eq!(ends[0].1 - ends[0].0, to_ack + (6 + 8) * NOMINAL);
-    bus.set_listening(1, true);
-    assert_eq!(bus.attempt(0, &[Some(&frame), None], GOOD).unwrap().unwrap().outcome, Outcome::Sent);
-    assert_eq!((bus.node(0).transmit_errors(), bus.node(0).state()), (127, ErrorState::Active));
 }
 
 #[test]
@@ -69,7 +68,6 @@ fn errors_put_a_node_off_and_quiet_brings_it_back() {
     let mut bus = Bus::<2>::new(timing());
     let mine = frame(0x10);
     let bits = FrameBits::of(&mine).total();
-    let wrong = |bit| Disturbance { wrong_bit: Some(bit), no_acknowledge: false };
     let mut attempts = 0;
     let mut now = 0;
     while bus.node(0).state() != ErrorState::BusOff {
@@ -107,35 +105,31 @@ fn an_error_ends_the_frame_where_it_is_seen() {
     let mut last = 0;
     for bit in 0..FrameBits::of(&mine).total() {
         let mut bus = Bus::<2>::new(timing());
-        let disturbance = Disturbance { wrong_bit: Some(bit), no_acknowledge: false };
-        let attempt = bus.attempt(0, &[Some(&mine), None], disturbance).unwrap().unwrap();
+        let attempt = bus.attempt(0, &[Some(&mine), None], wrong(bit)).unwrap().unwrap();
         assert!(matches!(attempt.outcome, Outcome::Error(_)));
         // The switch back from the data rate ends the bit it happens in later than the next would.
         assert!(attempt.end + NOMINAL > last && attempt.end > 20 * NOMINAL);
         last = attempt.end;
     }
     let mut bus = Bus::<2>::new(timing());
-    let beyond = Disturbance { wrong_bit: Some(100_000), no_acknowledge: false };
-    assert_eq!(bus.attempt(0, &[Some(&mine), None], beyond).unwrap().unwrap().outcome, Outcome::Sent);
-}
-
-#[test]
-fn nobody_acknowledges_when_told_so() {
-    let mut bus = Bus::<2>::new(timing());
-    let mine = frame(0x10);
-    let attempt = bus.attempt(0, &[Some(&mine), None], UNHEARD).unwrap().unwrap();
+    let attempt = bus.attempt(0, &[Some(&mine), None], wrong(100_000)).unwrap().unwrap();
+    assert_eq!(attempt.outcome, Outcome::Sent);
+    let unheard = Disturbance { no_acknowledge: true, ..GOOD };
+    let attempt = bus.attempt(attempt.end, &[Some(&mine), None], unheard).unwrap().unwrap();
     assert_eq!((attempt.outcome, bus.node(0).transmit_errors()), (Outcome::NotAcknowledged, 8));
 }
 
 #[test]
 fn counters_follow_the_rules() {
     let mut node = FaultConfinement::new();
-    for _ in 0..11 {
-        node.receive_error(true);
+    for _ in 0..95 {
+        node.receive_error();
     }
-    assert_eq!((node.receive_errors(), node.warns(), node.state()), (99, true, ErrorState::Active));
+    assert_eq!((node.receive_errors(), node.warns(), node.state()), (95, false, ErrorState::Active));
+    node.receive_error();
+    assert_eq!((node.warns(), node.state()), (true, ErrorState::Active));
     for _ in 0..40 {
-        node.receive_error(false);
+        node.receive_error();
     }
     assert_eq!((node.receive_errors(), node.state()), (128, ErrorState::Passive));
     node.received();
@@ -144,12 +138,18 @@ fn counters_follow_the_rules() {
     assert_eq!(node.receive_errors(), 126);
     node.transmitted();
     assert_eq!(node.transmit_errors(), 0);
-    for _ in 0..31 {
+    for _ in 0..16 {
         node.transmit_error();
     }
-    assert_eq!((node.transmit_errors(), node.state()), (248, ErrorState::Passive));
+    assert_eq!((node.transmit_errors(), node.state()), (128, ErrorState::Passive));
+    node.transmitted();
+    assert_eq!((node.transmit_errors(), node.state()), (127, ErrorState::Active));
+    for _ in 0..16 {
+        node.transmit_error();
+    }
+    assert_eq!((node.transmit_errors(), node.state()), (255, ErrorState::Passive));
     node.not_acknowledged();
-    assert_eq!(node.transmit_errors(), 248);
+    assert_eq!(node.transmit_errors(), 255);
     node.transmit_error();
     assert_eq!(node.state(), ErrorState::BusOff);
 }

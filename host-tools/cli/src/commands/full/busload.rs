@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use anyhow::{Result, anyhow, bail, ensure};
+use anyhow::{Result, anyhow, ensure};
 use serde_json::json;
 use slipsense::params::MAX_SENSORS;
 use slipsense::wire::{RAW_XL_MAX, RawForm};
@@ -137,13 +137,7 @@ impl Args {
             samples: self.samples.into(),
             foreign_percent: self.foreign,
         };
-        let mut buses = Vec::new();
-        for (Rates { nominal_bps, data_bps }, timing) in self.bitrate.iter().zip(&timings) {
-            match plan(&asked, &sample, *nominal_bps, *data_bps, timing) {
-                Ok(load) => buses.push(load),
-                Err(collision) => bail!("two nodes send one identifier: {collision:?}"),
-            }
-        }
+        let buses: Vec<_> = timings.iter().map(|timing| plan(&asked, &sample, timing)).collect();
         let warnings = self.warnings(&buses);
         if let Some(svg) = &self.svg {
             write_file(svg, load_bars(&buses, self.limit, &headline(&asked, &name)))?;

@@ -285,7 +285,7 @@ impl FlagScores {
                 delay_ms: delay_frames.map(milliseconds),
             }
         };
-        let alarms = scores.false_alarms.iter().map(|alarm| FrameRun::new((alarm.start, alarm.end)));
+        let alarms = scores.false_alarms.iter().map(|&alarm| FrameRun::new(alarm));
         Self { events: scores.events.iter().map(event).collect(), false_alarms: alarms.collect() }
     }
 }

@@ -88,13 +88,9 @@ fn members(out: &mut String, definition: &Definition) -> Result<()> {
     Ok(())
 }
 
+/// Of the C type that holds these bits, up to 64.
 const fn width(bits: u32) -> u32 {
-    match bits {
-        0..=8 => 8,
-        9..=16 => 16,
-        17..=32 => 32,
-        _ => 64,
-    }
+    if bits > 8 { bits.next_power_of_two() } else { 8 }
 }
 
 fn decoder(out: &mut String, definition: &Definition) -> Result<()> {

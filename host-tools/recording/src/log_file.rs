@@ -43,7 +43,15 @@ pub fn open(path: &Path, format: Format) -> Result<Reader> {
 
 /// Read a recording into memory.
 pub fn read(path: &Path, format: Format) -> Result<Recording> {
-    Recording::of(open(path, format)?, Reader::notes)
+    let (mut reader, mut recording) = (open(path, format)?, Recording::default());
+    for record in &mut reader {
+        match record? {
+            Record::Frame(entry) => recording.entries.push(entry),
+            Record::Displacement { timestamp_us, mm } => recording.displacement.push((timestamp_us, mm)),
+        }
+    }
+    recording.notes = reader.notes();
+    Ok(recording)
 }
 
 impl Reader {

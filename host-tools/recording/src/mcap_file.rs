@@ -27,7 +27,7 @@ use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, SlipMessage, WireL
 
 use crate::candump::LogEntry;
 use crate::decode::Decoder;
-use crate::recording::{Record, Recording};
+use crate::recording::Record;
 
 const CAN_TOPIC: &str = "/can/";
 const DISPLACEMENT_TOPIC: &str = "/displacement";
@@ -195,8 +195,7 @@ fn one_line(error: &McapError) -> String {
     colours.iter().fold(what.to_owned(), |plain, colour| plain.replace(colour, ""))
 }
 
-/// Reads a recording entry by entry, also one that was cut short when its recorder was killed. Nothing comes after an
-/// error.
+/// Reads a recording entry by entry, also one that was cut short when its recorder was killed. An error is its end.
 pub struct McapSource<R: Read> {
     messages: MessageReader<R>,
     /// Messages so far.
@@ -204,7 +203,6 @@ pub struct McapSource<R: Read> {
     /// Messages of other topics, by topic.
     skipped: BTreeMap<String, u64>,
     cut_short: bool,
-    done: bool,
 }
 
 impl<R: Read> McapSource<R> {
@@ -213,7 +211,7 @@ impl<R: Read> McapSource<R> {
         let limit = usize::try_from(length).unwrap_or(usize::MAX);
         let options = LinearReaderOptions::default().with_record_length_limit(limit);
         let messages = MessageReader::new_with_options(input, options);
-        Self { messages, index: 0, skipped: BTreeMap::new(), cut_short: false, done: false }
+        Self { messages, index: 0, skipped: BTreeMap::new(), cut_short: false }
     }
 
     /// What is left out so far, in words.
@@ -259,33 +257,26 @@ impl<R: Read> Iterator for McapSource<R> {
     type Item = Result<Record>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        while !self.done {
+        loop {
             let (index, message) = (self.index, self.messages.next());
             self.index += 1;
             let next = match message {
                 Some(Ok(message)) => self.entry(index, &message),
                 None => return None,
                 Some(Err(McapError::UnexpectedEof)) if index > 0 => {
-                    (self.cut_short, self.done) = (true, true);
-                    Ok(None)
+                    self.cut_short = true;
+                    return None;
                 }
                 Some(Err(error @ McapError::BadMagic)) => {
                     Err(anyhow!("not an MCAP file: {}", one_line(&error)))
                 }
                 Some(Err(error)) => Err(anyhow!("after message {index}: {}", one_line(&error))),
             };
-            self.done |= next.is_err();
             if let Some(record) = next.transpose() {
                 return Some(record);
             }
         }
-        None
     }
-}
-
-/// Read a recording held in memory.
-pub fn parse(bytes: &[u8]) -> Result<Recording> {
-    Recording::of(McapSource::new(bytes, bytes.len() as u64), McapSource::notes)
 }
 
 fn can_frame(value: &Value) -> Result<CanFrame> {

@@ -4,22 +4,13 @@ use crate::npz::{Reader, Scalar, write_file};
 use crate::{EpisodeError, Problem};
 use slipsense::features::{LN_FRAC_BITS, LogMel, STANDARDISED_FRAC_BITS};
 use slipsense::fixed::Logit;
-use slipsense::params::{CLASSES, MAX_SENSORS, MEL_BINS};
+use slipsense::params::{CLASSES, MEL_BINS};
 use slipsense::pipeline::Output;
 use std::io::{Read, Seek};
 use std::path::Path;
 
-/// The pipeline's output for every frame of an episode.
-///
-/// | array | dtype, shape |
-/// |---|---|
-/// | `class` | uint8 \[F\] |
-/// | `logits` | int32 \[F, 3\] |
-/// | `log_odds` | int32 \[F\] |
-/// | `may_begin` | uint8 \[F\] |
-/// | `slip` | uint8 \[F\] |
-/// | `logmel` | float32 \[F, S, 16\] |
-/// | `logmel_std` | float32 \[F, S, 16\] |
+/// The pipeline's output for every frame of an episode; a file has an array of each field's name and type, shape \[F\],
+/// logits \[F, 3\], log-mel \[F, S, 16\].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Predictions {
     /// Sensors, 1 to 3.
@@ -75,19 +66,17 @@ impl Predictions {
         self.class.len()
     }
 
-    /// Read a `predictions.npz` and check lengths and ranges.
+    /// Read a `predictions.npz` and check its shapes.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, EpisodeError> {
         let path = path.as_ref();
         Reader::open(path).and_then(from_archive).map_err(|problem| problem.at(path))
     }
 
-    /// Check lengths and ranges, then write a deflated `.npz` file. The same predictions give the same
-    /// bytes; an error leaves the file as it was.
+    /// Write a deflated `.npz` file. The same predictions give the same bytes; an error leaves the file as it was.
     pub fn write(&self, path: impl AsRef<Path>) -> Result<(), EpisodeError> {
         let frames = self.frames();
         let mel = [frames, self.sensors, MEL_BINS];
         write_file(path, |npz| {
-            self.validate()?;
             npz.array("class", &[frames], self.class.iter().copied())?;
             npz.array("logits", &[frames, CLASSES], self.logits.iter().flatten().copied())?;
             npz.array("log_odds", &[frames], self.log_odds.iter().copied())?;
@@ -96,44 +85,6 @@ impl Predictions {
             npz.array("logmel", &mel, self.logmel.iter().flatten().copied())?;
             npz.array("logmel_std", &mel, self.logmel_std.iter().flatten().copied())
         })
-    }
-
-    pub fn validate(&self) -> Result<(), Problem> {
-        let (frames, sensors) = (self.frames(), self.sensors);
-        if !(1..=MAX_SENSORS).contains(&sensors) {
-            let rule = format!("holds {sensors} sensors, must be 1 to {MAX_SENSORS}");
-            return Err(Problem::array("logmel", rule));
-        }
-        for (array, len, must) in [
-            ("logits", self.logits.len(), frames),
-            ("log_odds", self.log_odds.len(), frames),
-            ("may_begin", self.may_begin.len(), frames),
-            ("slip", self.slip.len(), frames),
-            ("logmel", self.logmel.len(), frames * sensors),
-            ("logmel_std", self.logmel_std.len(), frames * sensors),
-        ] {
-            if len != must {
-                let rule = format!("holds {len} rows, must be {must} for {frames} frames");
-                return Err(Problem::array(array, rule));
-            }
-        }
-        for (array, values, max) in [
-            ("class", &self.class, CLASSES as u8 - 1),
-            ("may_begin", &self.may_begin, 1),
-            ("slip", &self.slip, 1),
-        ] {
-            if let Some(f) = values.iter().position(|&v| v > max) {
-                return Err(Problem::element(array, &[f], values[f], format!("must be at most {max}")));
-            }
-        }
-        for (array, rows) in [("logmel", &self.logmel), ("logmel_std", &self.logmel_std)] {
-            let values = rows.iter().flatten();
-            if let Some((i, value)) = values.enumerate().find(|(_, value)| !value.is_finite()) {
-                let position = [i / MEL_BINS / sensors, i / MEL_BINS % sensors, i % MEL_BINS];
-                return Err(Problem::element(array, &position, value, "must be finite"));
-            }
-        }
-        Ok(())
     }
 }
 
@@ -147,7 +98,7 @@ fn from_archive<R: Read + Seek>(mut npz: Reader<R>) -> Result<Predictions, Probl
     mel.require_shape(&[Some(frames), None, Some(MEL_BINS)], &words)?;
     let sensors = mel.shape()[1];
     let logmel = rows(mel.read()?);
-    let predictions = Predictions {
+    Ok(Predictions {
         sensors,
         class,
         logits: rows(read(&mut npz, "logits", &[frames, CLASSES])?),
@@ -156,9 +107,7 @@ fn from_archive<R: Read + Seek>(mut npz: Reader<R>) -> Result<Predictions, Probl
         slip: read(&mut npz, "slip", &[frames])?,
         logmel,
         logmel_std: rows(read(&mut npz, "logmel_std", &[frames, sensors, MEL_BINS])?),
-    };
-    predictions.validate()?;
-    Ok(predictions)
+    })
 }
 
 fn read<T: Scalar, R: Read + Seek>(

@@ -48,10 +48,6 @@ struct Messages {
 }
 
 impl Rebuilder {
-    pub fn new() -> Self {
-        Self::default()
-    }
-
     pub fn accept(&mut self, entry: &LogEntry) {
         let decoded = self.decoder.accept(&entry.frame);
         if let Some(Decoded { node, message: Received::Raw(message) }) = decoded {

@@ -2,8 +2,6 @@
 
 use std::path::Path;
 
-use anyhow::Result;
-
 use crate::candump::LogEntry;
 
 /// A format that carries CAN frames with their times.
@@ -45,22 +43,4 @@ pub struct Recording {
     pub displacement: Vec<(u64, f64)>,
     /// What the file has and this cannot hold, or what is wrong with it, in words.
     pub notes: Vec<String>,
-}
-
-impl Recording {
-    /// All of a source, which says its notes at the end.
-    pub(crate) fn of<S>(mut source: S, notes: impl FnOnce(&S) -> Vec<String>) -> Result<Self>
-    where
-        S: Iterator<Item = Result<Record>>,
-    {
-        let mut recording = Self::default();
-        for record in &mut source {
-            match record? {
-                Record::Frame(entry) => recording.entries.push(entry),
-                Record::Displacement { timestamp_us, mm } => recording.displacement.push((timestamp_us, mm)),
-            }
-        }
-        recording.notes = notes(&source);
-        Ok(recording)
-    }
 }

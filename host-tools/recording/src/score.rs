@@ -41,22 +41,13 @@ pub struct EventScore {
     pub detection: Detection,
 }
 
-/// Flags raised where nothing slipped: frames `start..end`, gaps shorter than 200 ms included.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FalseAlarm {
-    /// First flagged frame.
-    pub start: usize,
-    /// Frame after the last flagged one.
-    pub end: usize,
-}
-
 /// The events of one episode and the alarms that belong to none.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct EventScores {
     /// In order of time.
     pub events: Vec<EventScore>,
-    /// In order of time.
-    pub false_alarms: Vec<FalseAlarm>,
+    /// Flags raised where nothing slipped, gaps shorter than 200 ms included; in order of time.
+    pub false_alarms: Vec<Interval>,
 }
 
 /// Frames `start..end`, not empty.
@@ -91,11 +82,11 @@ pub fn score_intervals(intervals: &[Interval], slip: &[u8]) -> EventScores {
     }
 
     let near_slip = near(intervals, slip.len());
-    let mut false_alarms: Vec<FalseAlarm> = Vec::new();
+    let mut false_alarms: Vec<Interval> = Vec::new();
     for (start, end) in runs(slip.len(), |f| slip[f] != 0 && !near_slip[f]) {
         match false_alarms.last_mut() {
-            Some(last) if start - last.end < MERGE_FRAMES => last.end = end,
-            _ => false_alarms.push(FalseAlarm { start, end }),
+            Some((_, last)) if start - *last < MERGE_FRAMES => *last = end,
+            _ => false_alarms.push((start, end)),
         }
     }
     EventScores { events, false_alarms }
@@ -199,69 +190,58 @@ fn ratio(part: u64, whole: u64) -> Option<f64> {
 
 /// Maximal runs of frames, of `frames`, for which `is` holds, in order of time.
 pub fn runs(frames: usize, is: impl Fn(usize) -> bool) -> Vec<Interval> {
-    let mut runs = Vec::new();
-    let mut start = None;
-    for f in 0..=frames {
-        match (start, f < frames && is(f)) {
-            (None, true) => start = Some(f),
-            (Some(s), false) => {
-                runs.push((s, f));
-                start = None;
-            }
-            _ => {}
+    let mut runs: Vec<Interval> = Vec::new();
+    for f in (0..frames).filter(|&f| is(f)) {
+        match runs.last_mut() {
+            Some((_, end)) if *end == f => *end += 1,
+            _ => runs.push((f, f + 1)),
         }
     }
     runs
 }
 
 #[cfg(test)]
-#[expect(clippy::single_range_in_vec_init, reason = "a list of intervals may have one")]
 mod tests {
     use super::*;
 
-    /// A label or flag track of `frames` frames, `value` in the given ranges.
-    fn track(frames: usize, value: u8, ranges: &[std::ops::Range<usize>]) -> Vec<u8> {
-        let mut track = vec![0; frames];
-        for range in ranges {
-            track[range.clone()].fill(value);
-        }
+    /// A label or flag track of 1000 frames, `value` in the given intervals.
+    fn track(value: u8, intervals: &[Interval]) -> Vec<u8> {
+        let mut track = vec![0; 1000];
+        intervals.iter().for_each(|&(start, end)| track[start..end].fill(value));
         track
-    }
-
-    fn score(slip: &[std::ops::Range<usize>], flags: &[std::ops::Range<usize>]) -> EventScores {
-        score_events(&track(1000, SLIP, slip), &track(1000, 1, flags))
     }
 
     #[test]
     fn events_and_alarms_by_hand() {
         use Detection::Missed;
         let (hit, early) = (|delay| Detection::Hit { delay }, |lead| Detection::Early { lead });
-        type Ranges<'a> = &'a [std::ops::Range<usize>];
-        let cases: [(&str, Ranges<'_>, Ranges<'_>, &[Detection], Ranges<'_>); 13] = [
-            ("at the onset", &[100..200], &[100..210], &[hit(0)], &[]),
-            ("behind the onset", &[100..200], &[103..210], &[hit(3)], &[]),
-            ("in the last frame", &[100..200], &[199..210], &[hit(99)], &[]),
-            ("early is neither hit nor alarm", &[100..200], &[99..150], &[early(1)], &[]),
-            ("as early as can be", &[100..200], &[88..150], &[early(12)], &[]),
-            ("too early and too late", &[100..200], &[80..88, 200..205], &[Missed], &[80..88]),
-            ("up to the end of the margin", &[100..200], &[110..212], &[hit(10)], &[]),
-            ("past the margin", &[100..200], &[110..213], &[hit(10)], &[212..213]),
-            ("less than 200 ms apart", &[], &[300..310, 357..360], &[], &[300..360]),
-            ("200 ms apart", &[], &[300..310, 358..360], &[], &[300..310, 358..360]),
-            ("a tail is not early", &[100..200, 206..300], &[150..200, 230..240], &[hit(50), hit(24)], &[]),
-            ("both ends of an episode", &[0..50, 950..1000], &[0..5], &[hit(0), Missed], &[]),
+        type Intervals<'a> = &'a [Interval];
+        let cases: [(&str, Intervals<'_>, Intervals<'_>, &[Detection], Intervals<'_>); 13] = [
+            ("at the onset", &[(100, 200)], &[(100, 210)], &[hit(0)], &[]),
+            ("behind the onset", &[(100, 200)], &[(103, 210)], &[hit(3)], &[]),
+            ("in the last frame", &[(100, 200)], &[(199, 210)], &[hit(99)], &[]),
+            ("early is neither hit nor alarm", &[(100, 200)], &[(99, 150)], &[early(1)], &[]),
+            ("as early as can be", &[(100, 200)], &[(88, 150)], &[early(12)], &[]),
+            ("too early and too late", &[(100, 200)], &[(80, 88), (200, 205)], &[Missed], &[(80, 88)]),
+            ("up to the end of the margin", &[(100, 200)], &[(110, 212)], &[hit(10)], &[]),
+            ("past the margin", &[(100, 200)], &[(110, 213)], &[hit(10)], &[(212, 213)]),
+            ("less than 200 ms apart", &[], &[(300, 310), (357, 360)], &[], &[(300, 360)]),
+            ("200 ms apart", &[], &[(300, 310), (358, 360)], &[], &[(300, 310), (358, 360)]),
+            (
+                "a tail is not early",
+                &[(100, 200), (206, 300)],
+                &[(150, 200), (230, 240)],
+                &[hit(50), hit(24)],
+                &[],
+            ),
+            ("both ends of an episode", &[(0, 50), (950, 1000)], &[(0, 5)], &[hit(0), Missed], &[]),
             ("nothing", &[], &[], &[], &[]),
         ];
         for (what, slip, flags, detections, alarms) in cases {
-            let found = score(slip, flags);
-            let event = |(range, &detection): (&std::ops::Range<usize>, &Detection)| EventScore {
-                onset: range.start,
-                end: range.end,
-                detection,
-            };
-            assert_eq!(found.events, slip.iter().zip(detections).map(event).collect::<Vec<_>>(), "{what}");
-            let alarm = |range: &std::ops::Range<usize>| FalseAlarm { start: range.start, end: range.end };
-            assert_eq!(found.false_alarms, alarms.iter().map(alarm).collect::<Vec<_>>(), "{what}");
+            let event = |(&(onset, end), &detection)| EventScore { onset, end, detection };
+            let events = slip.iter().zip(detections).map(event).collect();
+            let expected = EventScores { events, false_alarms: alarms.to_vec() };
+            assert_eq!(score_events(&track(SLIP, slip), &track(1, flags)), expected, "{what}");
         }
     }
 

@@ -9,7 +9,7 @@
 
 use serde::Serialize;
 use slipsense::params::FRAME_RATE_HZ;
-use slipsense_recording::score::{FalseAlarm, near, score_intervals};
+use slipsense_recording::score::{Interval, near, score_intervals};
 
 use super::statistics::rate_bound_per_hour;
 use crate::truth::{DISTURBANCES, Truth};
@@ -36,12 +36,12 @@ impl AlarmCounts {
         for (f, _) in near(&truth.slip, truth.frames()).iter().enumerate().filter(|(_, near)| !**near) {
             counts.exposure_frames[truth.disturbance[f] as usize] += 1;
         }
-        for alarm in &alarms {
-            counts.alarms[truth.disturbance[alarm.start] as usize] += 1;
+        for &(start, _) in &alarms {
+            counts.alarms[truth.disturbance[start] as usize] += 1;
         }
         if let Some(interface) = &truth.interface {
-            let slides = |alarm: &&FalseAlarm| {
-                interface.slip.iter().any(|&(start, end)| start < alarm.end && alarm.start < end)
+            let slides = |&&(from, to): &&Interval| {
+                interface.slip.iter().any(|&(start, end)| start < to && from < end)
             };
             counts.sliding = alarms.iter().filter(slides).count() as u64;
             counts.interface_alarms = score_intervals(&interface.slip, flag).false_alarms.len() as u64;

@@ -31,7 +31,6 @@ impl<W: Write + Seek> Writer<W> {
         shape: &[usize],
         values: impl IntoIterator<Item = T>,
     ) -> Result<(), Problem> {
-        let write = |e: io::Error| Problem::Write(e);
         let elements: usize = shape.iter().product();
         // Date, system and level are set because their defaults depend on the machine and on which
         // features of the zip crate the rest of the build turns on.
@@ -42,19 +41,19 @@ impl<W: Write + Seek> Writer<W> {
             .system(System::Unix)
             .unix_permissions(0o644)
             .large_file((elements * size_of::<T>()) as u64 > LARGE_BYTES);
-        self.zip.start_file(format!("{name}.npy"), options).map_err(|e| write(e.into()))?;
-        self.zip.write_all(&header::write(T::DESCR, shape)).map_err(write)?;
+        self.zip.start_file(format!("{name}.npy"), options).map_err(io::Error::from)?;
+        self.zip.write_all(&header::write(T::DESCR, shape))?;
         let mut chunk = Vec::with_capacity(CHUNK_BYTES);
         let mut written = 0;
         for value in values {
             chunk.extend_from_slice(bytemuck::bytes_of(&value.swap_le()));
             written += 1;
             if chunk.len() >= CHUNK_BYTES {
-                self.zip.write_all(&chunk).map_err(write)?;
+                self.zip.write_all(&chunk)?;
                 chunk.clear();
             }
         }
-        self.zip.write_all(&chunk).map_err(write)?;
+        self.zip.write_all(&chunk)?;
         if written != elements {
             return Err(Problem::array(name, format!("{written} values given for shape {shape:?}")));
         }

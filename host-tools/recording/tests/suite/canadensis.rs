@@ -9,12 +9,7 @@ use canadensis_core::time::{Clock, Microseconds32};
 use canadensis_core::transfer::{Header, MessageHeader, Transfer};
 use canadensis_core::transport::Transmitter as _;
 use canadensis_core::{OutOfMemoryError, Priority as TheirPriority, SubjectId, nb};
-use slipsense::params::TAXELS;
-use slipsense::sensor::{PiezoFrame, SensorInput};
-use slipsense::wire::{
-    CanFrame, Frames, MessageId, NodeId, Priority, RAW_PORT, RAW_PRIORITY, RawBuffer, RawFrame, SLIP_PORT,
-    SLIP_PRIORITY, SlipMessage, Transmitter,
-};
+use slipsense::wire::{Frames, MessageId, NodeId, Priority};
 
 struct ZeroClock;
 
@@ -70,10 +65,6 @@ fn oracle(id: MessageId, transfer: u8, payload: &[u8]) -> Vec<(u32, Vec<u8>)> {
     sent.0.iter().map(|frame| (frame.id().into(), frame.data().to_vec())).collect()
 }
 
-fn ours(frames: impl IntoIterator<Item = CanFrame>) -> Vec<(u32, Vec<u8>)> {
-    frames.into_iter().map(|frame| (frame.id(), frame.data().to_vec())).collect()
-}
-
 #[test]
 fn transfers_of_every_length_are_the_oracles() {
     let bytes: Vec<u8> = (0..1_900u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
@@ -85,30 +76,7 @@ fn transfers_of_every_length_are_the_oracles() {
         };
         let transfer = (length % 32) as u8;
         let payload = &bytes[..length];
-        assert_eq!(ours(Frames::new(id, transfer, payload)), oracle(id, transfer, payload), "{length} bytes");
-    }
-}
-
-#[test]
-fn messages_are_sent_as_the_oracle_would() {
-    let node = NodeId::new(85).unwrap();
-    let mut transmitter = Transmitter::new(node);
-    let piezo = PiezoFrame::from_scan(std::array::from_fn::<_, TAXELS, _>(|i| (i * 37 % 4_096) as u16));
-    let samples: Vec<[i16; 3]> = (0..70i16).map(|i| [i * 400, -i, i16::MIN]).collect();
-    // More transfers than identifiers, so that they wrap.
-    for step in 0..40u32 {
-        let transfer = (step % 32) as u8;
-        let message =
-            SlipMessage { timestamp_us: u64::from(step) * 4_167, sequence: step, ..Default::default() };
-        let id = MessageId { priority: SLIP_PRIORITY, port: SLIP_PORT, node };
-        assert_eq!(ours([transmitter.slip(&message)]), oracle(id, transfer, &message.encode(node)));
-
-        let input = SensorInput { piezo: Some(&piezo), xl: samples.get(..step as usize * 2), xl_end: 7 };
-        let frame = RawFrame { timestamp_us: 9, sequence: step, sensor: 1, health: 0, input };
-        let id = MessageId { priority: RAW_PRIORITY, port: RAW_PORT, node };
-        let expected = oracle(id, transfer, frame.encode(&mut RawBuffer::new()));
-        let mut buffer = RawBuffer::new();
-        let frames = transmitter.raw(&frame, &mut buffer);
-        assert_eq!(ours(frames), expected);
+        let ours: Vec<_> = Frames::new(id, transfer, payload).map(|f| (f.id(), f.data().to_vec())).collect();
+        assert_eq!(ours, oracle(id, transfer, payload), "{length} bytes");
     }
 }

@@ -51,7 +51,7 @@ fn recording(skip: impl Fn(u32) -> bool) -> Recording {
 }
 
 fn rebuilt(entries: &[LogEntry]) -> anyhow::Result<Rebuilt> {
-    let mut rebuilder = Rebuilder::new();
+    let mut rebuilder = Rebuilder::default();
     entries.iter().for_each(|entry| rebuilder.accept(entry));
     rebuilder.episode(None, 0.000_488)
 }

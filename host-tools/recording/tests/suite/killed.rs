@@ -7,32 +7,31 @@ use std::rc::Rc;
 
 use slipsense::wire::CanFrame;
 use slipsense_recording::candump::LogEntry;
-use slipsense_recording::mcap_file::{McapSink, parse};
+use slipsense_recording::log_file::Record;
+use slipsense_recording::mcap_file::{McapSink, McapSource};
 
 /// Frames between two flushes, and flushes.
 const FRAMES: usize = 7;
 const FLUSHES: usize = 4;
 
-/// What a file held, and how many frames were flushed by then.
-struct State {
+/// A file, how many frames are flushed, and what both were in the middle of each write and after it.
+#[derive(Default)]
+struct File {
+    content: Cursor<Vec<u8>>,
     flushed: usize,
-    bytes: Vec<u8>,
+    states: Vec<(usize, Vec<u8>)>,
 }
 
-/// A file, and its state in the middle of each write and after it.
 #[derive(Clone, Default)]
-struct Disk {
-    file: Rc<RefCell<Cursor<Vec<u8>>>>,
-    flushed: Rc<RefCell<usize>>,
-    states: Rc<RefCell<Vec<State>>>,
-}
+struct Disk(Rc<RefCell<File>>);
 
 impl Write for Disk {
     fn write(&mut self, bytes: &[u8]) -> Result<usize> {
+        let mut file = self.0.borrow_mut();
         for part in [&bytes[..bytes.len() / 2], &bytes[bytes.len() / 2..]] {
-            self.file.borrow_mut().write_all(part)?;
-            let (flushed, bytes) = (*self.flushed.borrow(), self.file.borrow().get_ref().clone());
-            self.states.borrow_mut().push(State { flushed, bytes });
+            file.content.write_all(part)?;
+            let state = (file.flushed, file.content.get_ref().clone());
+            file.states.push(state);
         }
         Ok(bytes.len())
     }
@@ -44,8 +43,13 @@ impl Write for Disk {
 
 impl Seek for Disk {
     fn seek(&mut self, to: SeekFrom) -> Result<u64> {
-        self.file.borrow_mut().seek(to)
+        self.0.borrow_mut().content.seek(to)
     }
+}
+
+/// The entries of an MCAP file.
+pub fn parse(bytes: &[u8]) -> anyhow::Result<Vec<Record>> {
+    McapSource::new(bytes, bytes.len() as u64).collect()
 }
 
 fn entry(number: usize) -> LogEntry {
@@ -61,16 +65,16 @@ fn at_every_write_and_within_it() {
     for frames in sent.chunks(FRAMES) {
         frames.iter().for_each(|entry| sink.write(entry).unwrap());
         sink.flush().unwrap();
-        *disk.flushed.borrow_mut() += FRAMES;
+        disk.0.borrow_mut().flushed += FRAMES;
     }
     sink.finish().unwrap();
-    let states = disk.states.take();
-    let after_a_flush: Vec<_> = states.iter().filter(|state| state.flushed > 0).collect();
-    assert!(after_a_flush.len() > FLUSHES * 4, "{} writes", after_a_flush.len());
-    for State { flushed, bytes } in after_a_flush {
-        let recording = parse(bytes).unwrap_or_else(|error| panic!("{flushed} flushed: {error:#}"));
-        let found = recording.entries.len();
-        assert!(found >= *flushed, "{found} of {flushed} flushed");
-        assert_eq!(recording.entries, sent[..found], "what there is, is what was sent");
+    let mut states = disk.0.take().states;
+    states.retain(|(flushed, _)| *flushed > 0);
+    assert!(states.len() > FLUSHES * 4, "{} writes", states.len());
+    for (flushed, bytes) in states {
+        let found = parse(&bytes).unwrap_or_else(|error| panic!("{flushed} flushed: {error:#}"));
+        assert!(found.len() >= flushed, "{} of {flushed} flushed", found.len());
+        let frames: Vec<_> = sent[..found.len()].iter().cloned().map(Record::Frame).collect();
+        assert_eq!(found, frames, "what there is, is what was sent");
     }
 }

@@ -142,7 +142,7 @@ impl Args {
     fn rebuild(&self, from: &Kind) -> Result<(String, Vec<String>)> {
         let lsb = self.xl_lsb_g.context("--xl-lsb-g is missing: an episode needs it (0.000488 at ±16 g)")?;
         ensure!(lsb.is_finite() && lsb > 0.0, "--xl-lsb-g is {lsb}, must be above 0");
-        let (mut rebuilder, mut displacement) = (Rebuilder::new(), false);
+        let (mut rebuilder, mut displacement) = (Rebuilder::default(), false);
         let mut notes = self.records(from, |record| {
             match record {
                 Record::Frame(entry) => rebuilder.accept(&entry),

@@ -32,12 +32,13 @@ use slipsense_recording::candump::{CandumpReader, CandumpWriter, LogEntry};
 use slipsense_recording::decode::Decoder;
 use slipsense_recording::firmware_elf::flatten;
 use slipsense_recording::label::StandLog;
-use slipsense_recording::mcap_file::{McapSink, parse};
+use slipsense_recording::mcap_file::McapSink;
 use slipsense_recording::model_file::random_model;
 use slipsense_recording::{Episode, Meta, slcan};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
+use super::killed::parse;
 use harness::{MEMORY_MAX, fuzz, fuzz_within, mutated};
 
 #[cfg(feature = "fuzz")]
@@ -177,7 +178,7 @@ fn mcap_files() {
     sink.displacement(2_000, 1.5).unwrap();
     let whole = sink.finish().unwrap().into_inner();
     let corpus = vec![whole[..whole.len() * 2 / 5].to_vec(), whole, plain_mcap("/can/can0", &frames, 1_000)];
-    assert!(corpus.iter().all(|bytes| !parse(bytes).unwrap().entries.is_empty()));
+    assert!(corpus.iter().all(|bytes| !parse(bytes).unwrap().is_empty()));
     fuzz_within(MCAP_MEMORY_MAX, mutated(corpus), 1, |bytes| {
         parse(bytes).map_err(|error| assert_one_line(&format!("{error:#}"))).is_ok()
     });
@@ -187,7 +188,7 @@ fn mcap_files() {
 #[test]
 fn a_topic_of_two_lines_is_refused_in_one() {
     let frame = [CanFrame::new(1, &[2]).unwrap()];
-    assert_eq!(parse(&plain_mcap("/can/can0", &frame, 1_000)).unwrap().entries.len(), 1);
+    assert_eq!(parse(&plain_mcap("/can/can0", &frame, 1_000)).unwrap().len(), 1);
     for (topic, time_ns, rule) in [
         ("/can/c\n0", 1_000, "message 0 of /can/c\\n0: an interface needs a name without white space"),
         ("/can/", 1_000, "message 0 of /can/: an interface needs a name without white space"),

@@ -35,21 +35,17 @@ impl FileSink for Memory {
     }
 }
 
-/// The path and offset of a request that the node sends, if any.
+/// The requests to read that the node sends: identifier, transfer, offset, path.
 fn requests(node: &mut Node) -> Vec<(ServiceId, u8, usize, Vec<u8>)> {
     let request = |(id, transfer, payload): (_, _, Vec<u8>)| match id {
         TransferId::Service(id) if id.port == FILE_READ_PORT => {
             assert_eq!((id.role, id.destination, id.source), (ServiceRole::Request, TOOL, NODE));
-            Some((id, transfer, offset(&payload), payload[6..6 + usize::from(payload[5])].to_vec()))
+            let offset = payload[..5].iter().rev().fold(0, |offset, &byte| offset << 8 | usize::from(byte));
+            Some((id, transfer, offset, payload[6..6 + usize::from(payload[5])].to_vec()))
         }
         _ => None,
     };
     said(node).into_iter().filter_map(request).collect()
-}
-
-/// Of a request to read.
-fn offset(request: &[u8]) -> usize {
-    request[..5].iter().rev().fold(0, |offset, &byte| offset << 8 | usize::from(byte))
 }
 
 fn answer(node: &mut Node, id: ServiceId, transfer: u8, error: u16, bytes: &[u8], now: u64) {

@@ -279,6 +279,11 @@ impl Ran {
     }
 }
 
+/// Changes the status every millisecond.
+pub fn with_status(change: impl Fn(u64, &mut Status)) -> impl Fn(u64, &Shared<NoopRawMutex>, &Bus) {
+    move |ms, shared, _| shared.update_status(|status| change(ms, status))
+}
+
 /// Frames that are decided in so many milliseconds.
 pub fn decided(ms: u64) -> u32 {
     (ms * 240 / 1000) as u32
@@ -367,41 +372,35 @@ fn a_restart_comes_after_its_answer_also_off_the_bus() {
 #[test]
 fn a_self_test_says_what_is_missing() {
     let requests = [100, 1_000].map(|ms| (ms, COMMAND_PORT, command(SELF_TEST, b"")));
-    let frames = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
-        shared.update_status(|status| {
-            status.decided_frames = decided(ms);
-            // Of the two sensors that are not in use nothing is asked.
-            status.sensor_health = [0, 3, 3].map(SensorHealth);
-            if ms > 900 {
-                status.sensor_health[0] = SensorHealth(health::XL_MISSING);
-            }
-        });
-    };
+    let frames = with_status(|ms, status| {
+        status.decided_frames = decided(ms);
+        // Of the two sensors that are not in use nothing is asked.
+        let first = if ms > 900 { health::XL_MISSING } else { 0 };
+        status.sensor_health = [first, 3, 3].map(SensorHealth);
+    });
     let ran = Run { meanwhile: &frames, ..Run::new(&requests, 1_700) }.run();
     let answers = ran.answers(COMMAND_PORT);
     assert_eq!(answers.iter().map(|(_, _, payload)| payload[0]).collect::<Vec<_>>(), [0, 1]);
     let why = "self test: an accelerometer does not deliver";
     assert_eq!(&answers[1].2[2..2 + why.len()], why.as_bytes());
-    assert!(ran.records().iter().any(|record| record == why));
-    // One that delivers the same sample for ever.
-    let frozen = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
-        shared.update_status(|status| (status.decided_frames, status.frozen) = (decided(ms), true));
-    };
-    let ran = Run { meanwhile: &frozen, ..Run::new(&requests[..1], 700) }.run();
-    assert!(ran.records().iter().any(|record| record == "self test: an accelerometer is frozen"));
-    // Half of the frames, no success.
-    let half = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
-        shared.update_status(|status| status.decided_frames = decided(ms) / 2);
-    };
-    let ran = Run { meanwhile: &half, ..Run::new(&requests[..1], 700) }.run();
-    assert_eq!(ran.answers(COMMAND_PORT)[0].2[0], 1);
-    assert!(ran.records().iter().any(|record| record == "self test: frames are missing"));
-    // Without a model none is decided.
-    let without_model = |_: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
-        shared.update_status(|status| status.sensor_health[0] = SensorHealth(health::NO_MODEL));
-    };
-    let ran = Run { meanwhile: &without_model, ..Run::new(&requests[..1], 700) }.run();
-    assert!(ran.records().iter().any(|record| record == "self test: no readable model"));
+    assert!(ran.records().contains(&why.to_owned()));
+    type Found = fn(u64, &mut Status);
+    let cases: [(Found, &str); 3] = [
+        // The same sample for ever.
+        (
+            |ms, status| (status.decided_frames, status.frozen) = (decided(ms), true),
+            "an accelerometer is frozen",
+        ),
+        // Half of the frames, no success.
+        (|ms, status| status.decided_frames = decided(ms) / 2, "frames are missing"),
+        // Without a model none is decided.
+        (|_, status| status.sensor_health[0] = SensorHealth(health::NO_MODEL), "no readable model"),
+    ];
+    for (found, why) in cases {
+        let ran = Run { meanwhile: &with_status(found), ..Run::new(&requests[..1], 700) }.run();
+        assert_eq!(ran.answers(COMMAND_PORT)[0].2[0], 1, "{why}");
+        assert!(ran.records().contains(&format!("self test: {why}")), "{why}");
+    }
 }
 
 #[test]
@@ -418,12 +417,10 @@ fn a_brown_out_is_reported_and_its_cause_stays_in_a_register() {
 fn a_failed_self_check_is_recorded_once_and_is_in_every_heartbeat() {
     let register = access("slipsense.status.self_checks", &[0]);
     let requests = [(100, COMMAND_PORT, command(SELF_TEST, b"")), (1_500, ACCESS_PORT, register)];
-    let found = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
-        shared.update_status(|status| {
-            status.decided_frames = decided(ms);
-            status.self_checks = SelfChecks { passes: 2, inferences: 1, failed: 9 };
-        });
-    };
+    let found = with_status(|ms, status| {
+        status.decided_frames = decided(ms);
+        status.self_checks = SelfChecks { passes: 2, inferences: 1, failed: 9 };
+    });
     let ran = Run { meanwhile: &found, ..Run::new(&requests, 3_000) }.run();
     let records: Vec<_> =
         ran.records().into_iter().filter(|record| record.starts_with("self check")).collect();
@@ -449,12 +446,10 @@ fn a_board_without_arrays_calibrates_none() {
 /// Each second, and at once where it changes.
 #[test]
 fn the_light_shows_the_condition() {
-    let found = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
-        shared.update_status(|status| {
-            status.decided_frames = decided(ms);
-            status.self_checks.failed = u8::from(ms >= 1_500);
-        });
-    };
+    let found = with_status(|ms, status| {
+        status.decided_frames = decided(ms);
+        status.self_checks.failed = u8::from(ms >= 1_500);
+    });
     let ran = Run { meanwhile: &found, ..Run::new(&[], 3_000) }.run();
     let (nominal, warning) = (Condition::Nominal, Condition::Warning);
     assert_eq!(ran.log.shown, [nominal, nominal, warning, warning]);

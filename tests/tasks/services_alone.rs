@@ -1,12 +1,12 @@
 //! The services task when nobody hears it, and a new firmware that has to show that somebody does.
 
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
-use slipsense::health::{self, SensorHealth};
+use slipsense::health::{self, SensorHealth, Status};
 use slipsense::node::{GET_INFO_PORT, HEARTBEAT_PORT, RECORD_PORT};
 use slipsense::tasks::Shared;
 use slipsense::update::{self, CONFIRM_FRAMES, ImageVersion, Notice, Refusal, SlotModel};
 
-use super::services::{Bus, Run, Said, decided};
+use super::services::{Bus, Run, Said, decided, with_status};
 use crate::nameless;
 
 #[test]
@@ -35,42 +35,41 @@ fn asked() -> [(u64, u16, Vec<u8>); 1] {
 }
 
 /// Frames as they are decided at 240 Hz.
-fn frames(ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus) {
-    shared.update_status(|status| status.decided_frames = decided(ms));
+fn frames(ms: u64, status: &mut Status) {
+    status.decided_frames = decided(ms);
 }
 
 #[test]
 fn a_new_firmware_confirms_once_when_it_has_decided_and_been_heard() {
     let run = update::Run::OnTrial;
-    let ran = Run { run, meanwhile: &frames, ..Run::new(&asked(), 14_000) }.run();
+    let ran = Run { run, meanwhile: &with_status(frames), ..Run::new(&asked(), 14_000) }.run();
     let due_ms = u64::from(CONFIRM_FRAMES) * 1000 / 240;
     assert_eq!(ran.log.confirmed_ms.len(), 1);
     assert!((due_ms..due_ms + 25).contains(&ran.log.confirmed_ms[0]), "{:?}", ran.log.confirmed_ms);
-    let ran = Run { meanwhile: &frames, ..Run::new(&asked(), 14_000) }.run();
+    let ran = Run { meanwhile: &with_status(frames), ..Run::new(&asked(), 14_000) }.run();
     assert!(ran.log.confirmed_ms.is_empty(), "it was not on trial");
 }
 
 #[test]
 fn a_new_firmware_that_decides_receives_or_senses_nothing_or_is_not_received_does_not_confirm() {
     let run = update::Run::OnTrial;
-    let blind = |ms: u64, shared: &Shared<NoopRawMutex>, bus: &Bus| {
-        frames(ms, shared, bus);
-        let dead = SensorHealth(health::PIEZO_MISSING | health::XL_MISSING);
-        shared.update_status(|status| status.sensor_health = [dead; 3]);
-    };
+    let blind = with_status(|ms, status| {
+        frames(ms, status);
+        status.sensor_health = [SensorHealth(health::PIEZO_MISSING | health::XL_MISSING); 3];
+    });
     // Heartbeats that wait for a bus have not been received.
     let off = |ms: u64, shared: &Shared<NoopRawMutex>, bus: &Bus| {
-        frames(ms, shared, bus);
+        shared.update_status(|status| frames(ms, status));
         bus.off.set(ms < 30_000);
     };
-    let withdrawn = |ms: u64, shared: &Shared<NoopRawMutex>, bus: &Bus| {
-        frames(ms, shared, bus);
-        shared.update_status(|status| status.lost_services = (ms / 1_000) as u32);
-    };
+    let withdrawn = with_status(|ms, status| {
+        frames(ms, status);
+        status.lost_services = (ms / 1_000) as u32;
+    });
     for (run, why) in [
         (Run { run, meanwhile: &withdrawn, ..Run::new(&asked(), 14_000) }, "each one taken back"),
         (Run { run, ..Run::new(&asked(), 14_000) }, "no frames"),
-        (Run { run, meanwhile: &frames, ..Run::new(&[], 14_000) }, "it has received nothing"),
+        (Run { run, meanwhile: &with_status(frames), ..Run::new(&[], 14_000) }, "it has received nothing"),
         (Run { run, meanwhile: &blind, ..Run::new(&asked(), 14_000) }, "no sensor delivers"),
         (Run { run, meanwhile: &off, ..Run::new(&asked(), 29_900) }, "nobody received one"),
     ] {

@@ -207,6 +207,13 @@ fn numbered(priority: Priority, n: u32) -> CanFrame {
     CanFrame::new(id.to_can(), &n.to_le_bytes()).unwrap()
 }
 
+/// The others leave the bus at tick 120.
+fn free(tick: u32, bus: &mut Bus) {
+    if tick == 120 {
+        bus.disturb(Disturbance::default());
+    }
+}
+
 /// Numbers of the service frames that arrived, and when.
 fn arrived_services(ran: &Ran) -> Vec<(u32, u64)> {
     let number = |arrived: &Arrived| u32::from_le_bytes(arrived.frame.data().try_into().unwrap());
@@ -225,11 +232,6 @@ fn service_frames_are_lost_with_the_bus_and_counted() {
             150 => assert!(shared.send_service(numbered(Priority::Optional, 150))),
             _ => {}
         };
-        let free = |tick: u32, bus: &mut Bus| {
-            if tick == 120 {
-                bus.disturb(Disturbance::default());
-            }
-        };
         // From the middle of a slip message on.
         let dominant_ns = tick_ns(50) + 50_000..tick_ns(60);
         let disturbance = Disturbance { foreign_load_percent: 100, dominant_ns, ..Disturbance::default() };
@@ -247,11 +249,6 @@ fn a_heartbeat_overtakes_what_others_keep_from_the_bus() {
         10..20 => assert!(shared.send_service(numbered(Priority::Optional, tick))),
         30 | 60 | 90 => assert!(shared.send_heartbeat(numbered(Priority::Fast, tick))),
         _ => {}
-    };
-    let free = |tick: u32, bus: &mut Bus| {
-        if tick == 120 {
-            bus.disturb(Disturbance::default());
-        }
     };
     let disturbance = Disturbance { foreign_load_percent: 100, ..Disturbance::default() };
     let ran = World { before_tick: &push, on_bus: &free, disturbance, ..World::new(240, 1) }.run();

@@ -1,27 +1,12 @@
-//! What a frame is: checksum, lengths, identifiers.
+//! What a frame is: lengths, identifiers.
 
 use slipsense::sensor::PiezoFrame;
 use slipsense::wire::{
     CAN_ID_MAX, CanFrame, Detail, FD_LENGTHS, IdError, LengthError, MessageId, NodeId, Priority, RAW_PORT,
-    RawBuffer, RawForm, SLIP_PORT, SlipMessage, Transmitter, crc16, fd_length,
+    RawBuffer, RawForm, SLIP_PORT, SlipMessage, Transmitter, fd_length,
 };
 
 use super::{NODE, frame};
-use crate::crc;
-
-#[test]
-fn crc_by_table_is_the_known_answer_and_the_crc_bit_by_bit() {
-    // The check value of CRC-16/CCITT-FALSE in the RevEng catalogue.
-    assert_eq!(crc16(b"123456789"), 0x29B1);
-    assert_eq!(crc16(b""), 0xFFFF);
-    assert_eq!(crc16(b"123456789\x29\xB1"), 0);
-    let bytes: Vec<u8> = (0..200u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
-    for start in 0..8 {
-        for end in start..bytes.len() {
-            assert_eq!(crc16(&bytes[start..end]), crc(&bytes[start..end]), "{start}..{end}");
-        }
-    }
-}
 
 #[test]
 fn lengths_are_those_of_can_fd() {
@@ -93,6 +78,7 @@ fn the_slip_message_wins_the_bus() {
     let mut transmitter = Transmitter::new(NodeId::new(0).unwrap());
     let raw = transmitter.raw(&frame(&(0, 0, 0, 0, None, Some(vec![]), 0)), &mut buffer).next().unwrap();
     assert!(slip.id() < raw.id());
+    assert_eq!(raw.id(), 0x1878_3900);
     transmitter.set_node_id(NODE);
     assert_eq!(transmitter.slip(&SlipMessage::default()).id(), 0x0478_3B2A);
 }

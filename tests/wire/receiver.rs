@@ -1,38 +1,18 @@
-//! What a bus does to frames: loss, repetition, disorder, damage.
+//! What a bus does to frames: loss, repetition, disorder, damage. That no frames make the receiver panic is shown in
+//! `host-tools/recording`.
 
 use proptest::prelude::*;
 use slipsense::sensor::PiezoFrame;
 use slipsense::wire::{
-    CanFrame, Check, FD_LENGTHS, FlagState, Frames, IdError, MessageId, NodeId, Priority, RAW_PORT,
-    RawBuffer, Reassembler, ReceiveError, Received, Receiver, SLIP_PORT, SlipMessage, SlipReceiver, Transfer,
-    TransferError, Transmitter,
+    CanFrame, Check, FlagState, Frames, IdError, MessageId, NodeId, Priority, RAW_PORT, RawBuffer,
+    Reassembler, ReceiveError, Received, Receiver, SlipMessage, SlipReceiver, Transfer, TransferError,
+    Transmitter,
 };
 
 use super::{NODE, expected, frame, raw};
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
-
-    /// Random bytes behind a valid identifier: a message or an error, no panic.
-    #[test]
-    fn random_frames_never_panic(
-        frames in proptest::collection::vec(
-            (any::<u8>(), any::<bool>(), 0usize..16, any::<[u8; 32]>(), any::<[u8; 32]>()), 1..60),
-    ) {
-        let mut receiver = Receiver::new(NODE);
-        for (bits, slip, dlc, a, b) in frames {
-            let port = if slip { SLIP_PORT } else { RAW_PORT };
-            let priority = u32::from(bits & 7);
-            let id = priority << 26 | 3 << 21 | u32::from(port) << 8 | u32::from(NODE.get());
-            let mut data = [a, b].concat();
-            data.truncate(FD_LENGTHS[dlc].into());
-            // Often one transfer identifier, so that the frames meet in one transfer.
-            if let Some(tail) = data.last_mut().filter(|_| bits & 8 != 0) {
-                *tail &= 0xE0;
-            }
-            let _ = receiver.accept(&CanFrame::new(id, &data).unwrap());
-        }
-    }
 
     /// A good transfer is received whatever the bus carried before it.
     #[test]
@@ -101,8 +81,6 @@ fn a_missing_frame_loses_its_transfer_only() {
         let mut receiver = Receiver::new(NODE);
         let mut damaged = sent[1].clone();
         damaged.remove(missing);
-        let (arrived, errors) = receive(&mut receiver, sent[0].iter().chain(&damaged).chain(&sent[2]));
-        assert_eq!((arrived.as_slice(), receiver.missed()), ([0, 2].as_slice(), 1), "frame {missing}");
         let expected = match missing {
             0 => vec![TransferError::NotStarted { transfer }; 25],
             // Nothing tells that the last frame will not come.
@@ -112,7 +90,8 @@ fn a_missing_frame_loses_its_transfer_only() {
             24 => vec![TransferError::Toggle { transfer }],
             _ => vec![TransferError::Toggle { transfer }, TransferError::Crc { transfer }],
         };
-        assert_eq!(errors, expected, "frame {missing}");
+        let received = receive(&mut receiver, sent[0].iter().chain(&damaged).chain(&sent[2]));
+        assert_eq!((received, receiver.missed()), ((vec![0, 2], expected), 1), "frame {missing}");
     }
 }
 
@@ -143,15 +122,14 @@ fn repeated_frames_are_reported_and_harmless() {
         let mut receiver = Receiver::new(NODE);
         let mut twice = sent[0].clone();
         twice.insert(repeated, sent[0][repeated]);
-        let (arrived, errors) = receive(&mut receiver, twice.iter().chain(&sent[1]));
-        assert_eq!((arrived.as_slice(), receiver.missed()), ([0, 1].as_slice(), 0), "frame {repeated}");
         let expected = match repeated {
             // A first frame starts anew; nothing was lost.
             0 => vec![],
             25 => vec![TransferError::NotStarted { transfer }],
             _ => vec![TransferError::Toggle { transfer }],
         };
-        assert_eq!(errors, expected, "frame {repeated}");
+        let received = receive(&mut receiver, twice.iter().chain(&sent[1]));
+        assert_eq!((received, receiver.missed()), ((vec![0, 1], expected), 0), "frame {repeated}");
     }
     let mut receiver = Receiver::new(NODE);
     let slip = Transmitter::new(NODE).slip(&SlipMessage::default());

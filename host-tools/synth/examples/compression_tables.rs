@@ -31,21 +31,14 @@ const TABLE: &str = "\n#[rustfmt::skip]\n";
 
 type Counts = [u64; SYMBOLS];
 
-/// Counts symbols by context, codes nothing.
-struct Counter {
-    taxels: Vec<Counts>,
-    xl: Vec<Counts>,
-}
+/// Counts symbols by context, the taxels' before the accelerometer's; codes nothing.
+struct Counter(Vec<Counts>);
 
 impl Sink for Counter {
     fn values(&mut self, values: &[(&'static Table, u32)]) {
         for &(table, value) in values {
-            let at = |tables: &'static [Table]| tables.iter().position(|known| std::ptr::eq(known, table));
-            let counts = match at(&TAXEL_TABLES) {
-                Some(context) => &mut self.taxels[context],
-                None => &mut self.xl[at(&XL_TABLES).expect("a table of one of the two")],
-            };
-            counts[split(value).0] += 1;
+            let context = TAXEL_TABLES.iter().chain(&XL_TABLES).position(|known| std::ptr::eq(known, table));
+            self.0[context.expect("a table of one of the two")][split(value).0] += 1;
         }
     }
 
@@ -64,8 +57,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         .map(|episode| episode.recipe)
         .collect();
     let counted = generate_set(&recipes, |_, episode| {
-        let none = [0; SYMBOLS];
-        let mut counter = Counter { taxels: vec![none; TAXEL_CONTEXTS], xl: vec![none; XL_CONTEXTS] };
+        let mut counter = Counter(vec![[0; SYMBOLS]; TAXEL_CONTEXTS + XL_CONTEXTS]);
         for frame in (0..episode.frames()).step_by(EVERY) {
             for sensor in 0..episode.sensors {
                 model(&mut counter, episode.piezo(frame, sensor), episode.xl_batch(frame, sensor));
@@ -76,7 +68,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut all = counted.into_iter();
     let mut sum = all.next().ok_or("no episode")?;
     for one in all {
-        for (sums, counts) in sum.taxels.iter_mut().zip(&one.taxels).chain(sum.xl.iter_mut().zip(&one.xl)) {
+        for (sums, counts) in sum.0.iter_mut().zip(&one.0) {
             sums.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
         }
     }
@@ -95,9 +87,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 fn tables(sum: &Counter) -> String {
     let mut text = String::new();
-    for (name, contexts, counts) in
-        [("TAXELS", "TAXEL_CONTEXTS", &sum.taxels), ("XL", "XL_CONTEXTS", &sum.xl)]
-    {
+    let (taxels, xl) = sum.0.split_at(TAXEL_CONTEXTS);
+    for (name, contexts, counts) in [("TAXELS", "TAXEL_CONTEXTS", taxels), ("XL", "XL_CONTEXTS", xl)] {
         let mut mean = [0; SYMBOLS];
         counts.iter().for_each(|row| mean.iter_mut().zip(row).for_each(|(mean, count)| *mean += count));
         writeln!(text, "{TABLE}const {name}: [[u16; SYMBOLS]; {contexts}] = [").unwrap();

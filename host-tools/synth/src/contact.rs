@@ -6,8 +6,7 @@
 //! pressure is then spread over neighbours, as a layer of finite thickness does, and rescaled.
 //!
 //! A layer much thinner than the patch is wide does not obey Hertz: under a sphere its patch radius rises
-//! as F^¼ and not F^⅓. The test `half_space.rs` solves the half-space beside it and prints how
-//! the two compare.
+//! as F^¼ and not F^⅓. The test `half_space.rs` compares it with the half-space.
 
 mod asperity;
 mod face;
@@ -40,16 +39,11 @@ use crate::objects::{Kind, Object};
 use crate::recipe::Region;
 use spread::Spread;
 
-/// How much longer that is along the axis of a cable, whose surface hardly changes as it is drawn
-/// through the fingers.
-const CABLE_STRETCH: f64 = 12.0;
 /// Side of the sensing element (paper: 0.45 × 0.45 mm).
 const ELEMENT_MM: f64 = 0.45;
-/// Parts of the face further than this below its top never touch: more than a layer is thick, plus what
-/// a tilt of 3° lifts over half the pad.
+/// Deeper parts of the face never touch: more than a layer is thick, plus what 3° of tilt lift over half the pad.
 const REACH_MM: f64 = 2.5;
-/// A move by less than this since the gaps were last worked out leaves them alone: less than a
-/// thousandth of the pitch of the cells.
+/// A smaller move leaves the gaps as they were worked out: less than a thousandth of the pitch of the cells.
 const STILL_MM: f64 = 2e-4;
 
 /// Where an object lies on a pad.
@@ -107,8 +101,7 @@ pub struct Contact {
 
 struct Spot {
     cell: usize,
-    /// Its points among all points: four Gauss points of the element, or its centre where that says the
-    /// same.
+    /// Its points among all: four Gauss points of the element, or its centre where that says the same.
     points: std::ops::Range<usize>,
     uneven: f64,
 }
@@ -128,7 +121,8 @@ impl Contact {
         let layer = Layer::draw(rng, region);
         let rms = rng.between(0.02, 0.08);
         let length = rng.log_between(0.3, 2.0);
-        let stretch = if object.kind == Kind::Cable { CABLE_STRETCH } else { 1.0 };
+        // The surface of a cable hardly changes as it is drawn through the fingers.
+        let stretch = if object.kind == Kind::Cable { 12.0 } else { 1.0 };
         let lengths = [length, length * stretch];
         let uneven = Field::draw(rng, lengths);
         let mut contact = Self::new(object, pose, layer.stiffness_kpa_per_mm(), layer.spread_mm());

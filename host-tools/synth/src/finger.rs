@@ -1,5 +1,4 @@
-//! One finger of an episode: what its array and its accelerometer deliver, and what truly happens at its
-//! pad.
+//! One finger of an episode: what its array and its accelerometer deliver, and what happens at its pad.
 
 use serde_json::json;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
@@ -43,6 +42,12 @@ pub(crate) struct Finger {
     pub faults: Vec<Event>,
 }
 
+/// Mean of a series over the fingers, frame by frame.
+pub(crate) fn mean(fingers: &[Finger], of: fn(&Finger) -> &Vec<f64>) -> Vec<f32> {
+    let sum = |f: usize| fingers.iter().map(|finger| of(finger)[f]).sum::<f64>();
+    (0..of(&fingers[0]).len()).map(|f| (sum(f) / fingers.len() as f64) as f32).collect()
+}
+
 /// What the sensors of one episode have in common.
 pub(crate) struct EpisodeSetup<'a> {
     resolved: &'a ResolvedRecipe,
@@ -60,14 +65,6 @@ pub(crate) struct EpisodeSetup<'a> {
     shares: [f64; MAX_SENSORS],
     pub vibration: Vibration,
     pub lsb_g: f64,
-}
-
-#[derive(Default)]
-struct ContactSeries {
-    slip: SlipSeries,
-    /// At each tick.
-    turn_rad: Vec<f64>,
-    loaded: Vec<bool>,
 }
 
 /// One sensor with what its accelerometer is like in this recording.
@@ -126,8 +123,7 @@ fn shares(rng: &mut Rng, platform: Platform, sensors: usize) -> [f64; MAX_SENSOR
     }
 }
 
-/// Shift of the object's centre that puts its patch `patch_mm` from the middle: a wide object must reach
-/// over the pad's edge for that.
+/// Shift of the object that puts its patch `patch_mm` from the middle: a wide one must reach over the pad's edge.
 fn palm_shift_mm(shape: &Shape, patch_mm: f64) -> f64 {
     let half = match shape {
         Shape::Flat { width_mm, .. } => width_mm / 2.0,
@@ -239,7 +235,7 @@ impl<'a> EpisodeSetup<'a> {
             let other = json!({ "film": drawn, "accelerometer": build.quirk });
             log.add(format!("finger_{sensor}_families"), &other);
         }
-        let ContactSeries { slip, turn_rad, loaded } =
+        let (slip, turn_rad, loaded) =
             self.contact(sensor, &mut contact, &mut *interface, &mut grain, &mut film, piezo);
         let (xl, xl_end) = self.accelerometer(sensor, &slip);
         let per_frame = |steps: &[f64]| -> Vec<f64> {
@@ -258,7 +254,7 @@ impl<'a> EpisodeSetup<'a> {
         }
     }
 
-    /// Contact and friction, step by step, and the array's scan at each tick.
+    /// Contact and friction by steps; at each tick the array's scan, the object's turn, whether the pad carries load.
     fn contact(
         &self,
         sensor: usize,
@@ -267,13 +263,13 @@ impl<'a> EpisodeSetup<'a> {
         (grain, rng): &mut (AsperityNoise, Rng),
         film: &mut Film<'_>,
         piezo: &mut [PiezoFrame],
-    ) -> ContactSeries {
+    ) -> (SlipSeries, Vec<f64>, Vec<bool>) {
         let share = self.shares[sensor];
         let timeline = &self.plan.timeline;
         let grip: Vec<f64> = timeline.grip_n.iter().map(|n| n * share).collect();
         let mut map = PressureMap::empty();
         let (mut map_n, mut sliding) = (0.0, SlipState::default());
-        let ContactSeries { mut slip, mut turn_rad, mut loaded } = ContactSeries::default();
+        let (mut slip, mut turn_rad, mut loaded) = (SlipSeries::default(), Vec::new(), Vec::new());
         let mut hand = PullingHand::default();
         let mut gripped_at = ([0.0; 2], 0.0);
         for frame in 0..self.frames {
@@ -290,7 +286,7 @@ impl<'a> EpisodeSetup<'a> {
                 if let Some(strength) = self.plan.pull_limit {
                     pull = hand.pull(pull, strength.shared(share), (sliding.travel_mm, sliding.turn_rad));
                 }
-                sliding = interface.step(&map, scale, pull, 1.0 / STEP_HZ);
+                sliding = interface.step(&map, scale, pull);
                 slip.speed_mm_s.push(sliding.speed_mm_s);
                 slip.fraction.push(sliding.fraction);
                 slip.path_mm.push(sliding.path_mm);
@@ -319,7 +315,7 @@ impl<'a> EpisodeSetup<'a> {
                 if force > 0.0 { (then / force).min(4.0) } else { 0.0 }
             });
         }
-        ContactSeries { slip, turn_rad, loaded }
+        (slip, turn_rad, loaded)
     }
 
     /// What pulls one finger's contact in a step: every finger bears its share. The second finger and the

@@ -37,11 +37,8 @@ use rate_state::RateState;
 
 /// Rate of the quasi-static steps, Hz: ten per frame.
 pub(crate) const STEP_HZ: f64 = 2_400.0;
+const STEP_S: f64 = 1.0 / STEP_HZ;
 
-/// Bristle stiffness G/h, softest and stiffest, kPa/mm (0.5–3 · 10⁹ N/m³).
-const BRUSH_KPA_PER_MM: (f64, f64) = (500.0, 3000.0);
-/// Deviation of the logarithm of the friction coefficient between grasps.
-const MU_LEVEL: f64 = 0.08;
 /// What moves faster than this slides; slower is numerical creep.
 const SLIDING_MM_S: f64 = 0.05;
 /// Newtons per kPa on one cell.
@@ -49,8 +46,8 @@ const CELL_N: f64 = CELL_MM2 * 1e-3;
 
 /// What the contact of one finger does tangentially.
 pub(crate) trait Friction {
-    /// Advance by `dt` seconds under pressures `map` times `scale`.
-    fn step(&mut self, map: &PressureMap, scale: f64, pull: Pull, dt: f64) -> SlipState;
+    /// Advance by one step under pressures `map` times `scale`.
+    fn step(&mut self, map: &PressureMap, scale: f64, pull: Pull) -> SlipState;
     /// Forget the stress of cells that carry no load any more.
     fn release_unloaded(&mut self, _map: &PressureMap) {}
 }
@@ -160,8 +157,9 @@ pub(crate) struct SlipState {
 impl Interface {
     /// A finger's skin against this object.
     pub(crate) fn draw(rng: &mut Rng, object: &Object) -> Self {
-        let level = exp(MU_LEVEL * rng.normal());
-        let skin = rng.log_uniform(BRUSH_KPA_PER_MM);
+        // Friction differs between grasps; the skin's bristles have G/h of 0.5–3 · 10⁹ N/m³.
+        let level = exp(0.08 * rng.normal());
+        let skin = rng.log_between(500.0, 3000.0);
         let mut interface = Self::even(
             1.0 / (1.0 / skin + 1.0 / object.surface.tangential_kpa_per_mm()),
             object.mu_static * level,
@@ -212,9 +210,9 @@ impl Interface {
     }
 
     /// Carry the stresses and the friction of every cell through this step's move.
-    fn slide(&mut self, map: &PressureMap, scale: f64, dt: f64) -> SlipState {
+    fn slide(&mut self, map: &PressureMap, scale: f64) -> SlipState {
         let mm_per_n = 1.0 / (self.brush_kpa_per_mm * CELL_N);
-        let (creep_mm, heal) = (SLIDING_MM_S * dt, dt / self.healing_s);
+        let (creep_mm, heal) = (SLIDING_MM_S * STEP_S, STEP_S / self.healing_s);
         let (mut load, mut sliding, mut path) = (0.0, 0.0, 0.0);
         let (mut drift, mut shear, mut torque) = ([0.0; 2], [0.0; 2], 0.0);
         for (&cell, brush) in map.loaded.iter().zip(&self.brushes) {
@@ -246,7 +244,7 @@ impl Interface {
         }
         self.now.path_mm += path / load;
         self.now = SlipState {
-            speed_mm_s: path / load / dt,
+            speed_mm_s: path / load / STEP_S,
             fraction: sliding / load,
             shear_n: shear,
             torque_n_mm: torque,
@@ -257,7 +255,7 @@ impl Interface {
 }
 
 impl Friction for Interface {
-    fn step(&mut self, map: &PressureMap, scale: f64, pull: Pull, dt: f64) -> SlipState {
+    fn step(&mut self, map: &PressureMap, scale: f64, pull: Pull) -> SlipState {
         if self.brushes.is_empty() {
             // A free object jumped to where its springs are slack: that says nothing about this step.
             self.moved = [0.0; 3];
@@ -268,7 +266,7 @@ impl Friction for Interface {
         self.now.travel_mm[0] += self.moved[0];
         self.now.travel_mm[1] += self.moved[1];
         self.now.turn_rad += self.moved[2];
-        self.slide(map, scale, dt)
+        self.slide(map, scale)
     }
 
     fn release_unloaded(&mut self, map: &PressureMap) {

@@ -1,7 +1,6 @@
 //! Pressures of faces that no elastic layer makes: the relative pressure at a place of the object's face under a force.
 //!
-//! Places are `u` across and `v` along the object's axis, mm from its centre; what the pressures sum to is scaled to
-//! the force afterwards.
+//! Places are `u` across and `v` along the object's axis, mm from its centre; the sum is scaled to the force later.
 
 use libm::{exp, log, pow};
 use serde::Serialize;

@@ -11,8 +11,8 @@ use std::f64::consts::PI;
 
 use libm::{asinh, log, pow};
 
-use super::tests::{CENTRED, hard, peak};
-use super::{CELL_MM2, Contact, PressureMap};
+use super::tests::{CENTRED, hard, peak, pressed};
+use super::{CELL_MM2, Contact};
 use crate::check::{largest, near};
 use crate::objects::Shape;
 
@@ -47,62 +47,36 @@ fn solve(influence: &Influence, wanted: &[f64], most: &[f64]) -> Vec<f64> {
     t
 }
 
-/// Displacement at `(x, y)` from unit pressure on a square of half side `h` at the origin, times π E*
-/// (A. E. H. Love 1929).
+/// Displacement at `(x, y)`, times π E*, from unit pressure on a square of half side `h` (A. E. H. Love 1929).
 fn square(x: f64, y: f64, h: f64) -> f64 {
     let part = |x: f64, y: f64| x * asinh(y / x.abs()) + y * asinh(x / y.abs());
     part(x + h, y + h) - part(x - h, y + h) - part(x + h, y - h) + part(x - h, y - h)
 }
 
 /// A quarter of a square grid; the other quarters mirror it.
-struct Quarter {
-    side: usize,
-    step_mm: f64,
-    influence: Influence,
-}
-
-impl Quarter {
-    fn new(side: usize, step_mm: f64) -> Self {
-        let centre = |i: usize| ((i % side) as f64 + 0.5, (i / side) as f64 + 0.5);
-        let influence = influence(side * side, |i, j| {
-            let ((xi, yi), (xj, yj)) = (centre(i), centre(j));
-            let mirrored = [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)];
-            let sum: f64 = mirrored
-                .iter()
-                .map(|(sx, sy)| square((xi - sx * xj) * step_mm, (yi - sy * yj) * step_mm, step_mm / 2.0))
-                .sum();
-            sum / (PI * E_STAR)
-        });
-        Self { side, step_mm, influence }
-    }
-
-    fn radius_mm(&self, i: usize) -> f64 {
-        let at = |i: usize| (i as f64 + 0.5) * self.step_mm;
-        libm::hypot(at(i % self.side), at(i / self.side))
-    }
-
-    fn force_n(&self, t: &[f64]) -> f64 {
-        4.0 * t.iter().sum::<f64>() * self.step_mm * self.step_mm
-    }
-
-    /// Radius of the disc as large as the cells that count.
-    fn radius_of_mm(&self, counts: impl Fn(usize) -> bool) -> f64 {
-        let cells = 4 * (0..self.side * self.side).filter(|&i| counts(i)).count();
-        (cells as f64 * self.step_mm * self.step_mm / PI).sqrt()
-    }
-}
-
 #[test]
 fn ball_on_a_half_space_meets_hertz_and_mindlin() {
-    let (radius_mm, depth_mm) = (10.0, 0.1);
-    let quarter = Quarter::new(22, 0.06);
-    let cells = quarter.side * quarter.side;
-    let wanted: Vec<f64> =
-        (0..cells).map(|i| depth_mm - pow(quarter.radius_mm(i), 2.0) / (2.0 * radius_mm)).collect();
-    let pressure = solve(&quarter.influence, &wanted, &vec![f64::INFINITY; cells]);
-    let load_n = quarter.force_n(&pressure);
+    let (radius_mm, depth_mm, side, step_mm) = (10.0, 0.1, 22, 0.06);
+    let cells = side * side;
+    let centre = |i: usize| [i % side, i / side].map(|n| (n as f64 + 0.5) * step_mm);
+    let influence = influence(cells, |i, j| {
+        let ([xi, yi], [xj, yj]) = (centre(i), centre(j));
+        let mirrored = [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)];
+        let of = |(sx, sy): (f64, f64)| square(xi - sx * xj, yi - sy * yj, step_mm / 2.0);
+        mirrored.map(of).iter().sum::<f64>() / (PI * E_STAR)
+    });
+    let force_n = |t: &[f64]| 4.0 * t.iter().sum::<f64>() * step_mm * step_mm;
+    // Radius of the disc as large as the cells that count.
+    let radius_of_mm = |counts: &dyn Fn(usize) -> bool| {
+        let cells = 4 * (0..cells).filter(|&i| counts(i)).count();
+        (cells as f64 * step_mm * step_mm / PI).sqrt()
+    };
+    let gap_mm = |[x, y]: [f64; 2]| (x * x + y * y) / (2.0 * radius_mm);
+    let wanted: Vec<f64> = (0..cells).map(|i| depth_mm - gap_mm(centre(i))).collect();
+    let pressure = solve(&influence, &wanted, &vec![f64::INFINITY; cells]);
+    let load_n = force_n(&pressure);
     let peak = largest(pressure.iter().copied());
-    let a = quarter.radius_of_mm(|i| pressure[i] > 0.0);
+    let a = radius_of_mm(&|i| pressure[i] > 0.0);
     let a_hertz = pow(3.0 * load_n * radius_mm / (4.0 * E_STAR), 1.0 / 3.0);
     near("load, N", load_n, 4.0 / 3.0 * E_STAR * radius_mm.sqrt() * pow(depth_mm, 1.5), 0.05);
     near("patch radius, mm", a, a_hertz, 0.05);
@@ -114,15 +88,15 @@ fn ball_on_a_half_space_meets_hertz_and_mindlin() {
     let g_star = G / 2.0;
     let full_mm = 3.0 * mu * load_n / (16.0 * a_hertz * g_star);
     for share in [0.15, 0.35, 0.6, 0.85] {
-        let shear = solve(&quarter.influence, &vec![share * full_mm; cells], &most);
-        let q = quarter.force_n(&shear) / (mu * load_n);
-        let c = quarter.radius_of_mm(|i| pressure[i] > 0.0 && shear[i] < most[i] * (1.0 - 1e-6));
+        let shear = solve(&influence, &vec![share * full_mm; cells], &most);
+        let q = force_n(&shear) / (mu * load_n);
+        let c = radius_of_mm(&|i| pressure[i] > 0.0 && shear[i] < most[i] * (1.0 - 1e-6));
         near(format!("Q/μP {q:.3}: stick radius c/a"), c / a, pow(1.0 - q, 1.0 / 3.0), 0.05);
         let expected_mm = full_mm * (1.0 - pow(1.0 - q, 2.0 / 3.0));
         near(format!("Q/μP {q:.3}: displacement, mm"), share * full_mm, expected_mm, 0.05);
     }
     // More than Mindlin's displacement at full slip: everything slides.
-    let all = quarter.force_n(&solve(&quarter.influence, &vec![1.03 * full_mm; cells], &most));
+    let all = force_n(&solve(&influence, &vec![1.03 * full_mm; cells], &most));
     near("full slip, Q/μP", all / (mu * load_n), 1.0, 0.01);
 }
 
@@ -165,12 +139,12 @@ fn rod_on_a_half_space_meets_hertz_and_cattaneo() {
 /// is then a parabola and not half an ellipse, with a peak 4/3 and 1.18 times as high.
 #[test]
 fn the_layer_calibrated_to_the_half_space_has_its_patch_but_not_its_peak() {
-    let (radius_mm, force_n, mut map) = (60.0, 8.0, PressureMap::empty());
+    let (radius_mm, force_n) = (60.0, 8.0);
 
     let a = pow(3.0 * force_n * radius_mm / (4.0 * E_STAR), 1.0 / 3.0);
     let k = 16.0 * E_STAR / (3.0 * PI * a);
     let ball = Contact::new(hard(Shape::Sphere { radius_mm }), CENTRED, 1e3 * k, 0.0);
-    ball.pressures(force_n, [0.0; 2], &mut map);
+    let map = pressed(&ball, force_n);
     println!("ball: K {k:.3} MPa/mm = 1.70 E*/a");
     near("patch radius, mm", (map.loaded.len() as f64 * CELL_MM2 / PI).sqrt(), a, 0.05);
     let p0 = 3.0 * force_n / (2.0 * PI * a * a);
@@ -180,7 +154,7 @@ fn the_layer_calibrated_to_the_half_space_has_its_patch_but_not_its_peak() {
     let b = (4.0 * force_n / length_mm * radius_mm / (PI * E_STAR)).sqrt();
     let k = 3.0 * PI * E_STAR / (8.0 * b);
     let rod = Contact::new(hard(Shape::Cylinder { radius_mm, length_mm: 200.0 }), CENTRED, 1e3 * k, 0.0);
-    rod.pressures(force_n, [0.0; 2], &mut map);
+    let map = pressed(&rod, force_n);
     let p0 = 2.0 * force_n / length_mm / (PI * b);
     println!("rod: K {k:.3} MPa/mm = 1.18 E*/b");
     // Columns are 0.7 mm apart: the patch's edge is known from its pressure, p0 (1 − x²/b²).

@@ -7,10 +7,6 @@ use crate::recipe::Region;
 
 /// Softest and stiffest foundation, kPa/mm (1–10 · 10⁹ N/m³).
 const STIFFNESS: (f64, f64) = (1e3, 1e4);
-/// How much stiffer than the middle the pad is towards the palm, where the skin runs out over the edge of
-/// the backing and is held from the side: a modelling choice, no finger has been measured.
-const PALM_STIFFENING: (f64, f64) = (1.4, 2.0);
-
 /// Half width of the patch that the correction for a finite patch is worked out for.
 const PATCH_MM: f64 = 2.0;
 
@@ -25,7 +21,8 @@ pub struct Layer {
     pub poisson: f64,
     /// Sigma of the Gaussian that spreads the pressure, over h: 0.4–0.8.
     pub spread_over_thickness: f64,
-    /// Factor on the stiffness by the place on the finger: 1 in the middle, more towards the palm.
+    /// Factor on the stiffness: 1 in the middle, more towards the palm, where the skin runs out over the edge of the
+    /// backing and is held from the side. A modelling choice, no finger has been measured.
     pub local_stiffening: f64,
 }
 
@@ -44,7 +41,7 @@ impl Layer {
                 break layer;
             }
         };
-        let stiffening = rng.uniform(PALM_STIFFENING);
+        let stiffening = rng.between(1.4, 2.0);
         if region == Region::Palm {
             layer.local_stiffening = stiffening;
         }

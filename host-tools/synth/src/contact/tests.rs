@@ -13,6 +13,13 @@ pub(crate) fn hard(shape: Shape) -> &'static Object {
     Box::leak(Box::new(object))
 }
 
+/// Pressures under a grip that nothing shears.
+pub(crate) fn pressed(contact: &Contact, force_n: f64) -> PressureMap {
+    let mut map = PressureMap::empty();
+    contact.pressures(force_n, [0.0; 2], &mut map);
+    map
+}
+
 pub(crate) fn peak(map: &PressureMap) -> f64 {
     largest(map.kpa.iter().copied())
 }
@@ -76,18 +83,17 @@ fn sphere_and_cylinder_follow_the_closed_forms_of_the_layer() {
     let rod = Contact::new(hard(Shape::Cylinder { radius_mm: r, length_mm: 200.0 }), CENTRED, k, 0.0);
     // A cylinder along the rows loads the columns cut at the corners less; stay in the middle.
     let length_mm = 32.0 * 0.92;
-    let mut map = PressureMap::empty();
     for force_n in [4.0, 10.0, 20.0] {
         // kPa · mm² is a millinewton.
         let load = force_n * 1e3;
-        ball.pressures(force_n, [0.0; 2], &mut map);
+        let map = pressed(&ball, force_n);
         let depth = (load / (PI * k * r)).sqrt();
         let (p0, a) = (peak(&map), (map.loaded.len() as f64 * CELL_MM2 / PI).sqrt());
         let (p0_form, a_form) = (k * depth, (2.0 * r * depth).sqrt());
         near(format!("ball {force_n} N: p0, kPa"), p0, p0_form, 0.05);
         near("a, mm", a, a_form, 0.05);
 
-        rod.pressures(force_n, [0.0; 2], &mut map);
+        let map = pressed(&rod, force_n);
         let depth = libm::pow(load / length_mm / k * 0.75 / (2.0 * r).sqrt(), 2.0 / 3.0);
         let touched = map.loaded.iter().filter(|&&c| c / 32 == 16).count();
         let (p0, b) = (peak(&map), touched as f64 * 0.7 / 2.0);
@@ -111,16 +117,14 @@ fn a_soft_object_gives_way_in_series_with_the_layer() {
 #[test]
 fn forces_that_cannot_be_touch_nothing() {
     let contact = Contact::new(named("usb-cable").unwrap(), CENTRED, 2500.0, 0.5);
-    let mut map = PressureMap::empty();
     for force_n in [-0.1, 0.0, f64::NAN, f64::INFINITY] {
-        contact.pressures(2.0, [0.0; 2], &mut map);
+        let mut map = pressed(&contact, 2.0);
         contact.pressures(force_n, [0.0; 2], &mut map);
         assert_eq!((map.loaded.len(), map.force_n()), (0, 0.0));
     }
 }
 
-/// Relative rms of the pressure of the cells well inside the patch while the object slides 12 mm along
-/// its axis, and the rms drawn, both as means over grasps.
+/// Relative rms of the pressure well inside the patch while the object slides 12 mm, and the rms drawn; means of grasps.
 fn flutter(name: &str) -> (f64, f64) {
     let object = named(name).unwrap();
     let (mut measured, mut drawn) = (0.0, 0.0);
@@ -129,13 +133,12 @@ fn flutter(name: &str) -> (f64, f64) {
         let pose = Pose { x_mm: 0.2, y_mm: -4.0, ..CENTRED };
         let mut contact = Contact::draw(&mut rng, object, pose, Region::Centre);
         drawn += contact.uneven_rms / 20.0;
-        let mut map = PressureMap::empty();
         // Rows 12–19 of the middle columns stay under the object all the way.
         let cells: Vec<usize> = (12..20).flat_map(|row| [15, 16].map(|col| row * TAXEL_COLS + col)).collect();
         let mut sums = vec![(0.0, 0.0); cells.len()];
         for step in 0..=60 {
             contact.place([0.0, 0.2 * f64::from(step)], 0.0, [0.0; 2]);
-            contact.pressures(3.0, [0.0; 2], &mut map);
+            let map = pressed(&contact, 3.0);
             for (sum, &cell) in sums.iter_mut().zip(&cells) {
                 *sum = (sum.0 + map.kpa[cell], sum.1 + map.kpa[cell] * map.kpa[cell]);
             }
@@ -157,10 +160,9 @@ fn pressure_flutters_as_drawn_while_a_block_slides_and_hardly_under_a_cable() {
 #[test]
 fn a_relief_travels_over_the_pad() {
     let mut contact = Contact::new(named("dsub-hood").unwrap(), CENTRED, 2500.0, 0.3);
-    let mut map = PressureMap::empty();
     let mut column = |shift_mm: f64| -> Vec<f64> {
         contact.place([0.0, shift_mm], 0.0, [0.0; 2]);
-        contact.pressures(4.0, [0.0; 2], &mut map);
+        let map = pressed(&contact, 4.0);
         (8..24).map(|row| map.kpa[row * TAXEL_COLS + 16]).collect()
     };
     let (start, half, whole) = (column(0.0), column(2.5), column(5.0));

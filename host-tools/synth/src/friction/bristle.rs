@@ -5,7 +5,7 @@ use libm::exp;
 use serde::Serialize;
 
 use super::patch::{Law, Moved, frictions, size};
-use super::{SLIDING_MM_S, Springs};
+use super::{SLIDING_MM_S, STEP_S, Springs};
 use crate::draw::{Draw, Rng};
 use crate::objects::Object;
 
@@ -41,7 +41,7 @@ impl Bristle {
 }
 
 impl Law for Bristle {
-    fn step(&mut self, springs: &Springs, load_n: f64, dt: f64) -> Moved {
+    fn step(&mut self, springs: &Springs, load_n: f64) -> Moved {
         let (k, viscous) = (self.stiffness_n_per_mm, self.viscous * load_n);
         let mut v = [0.0; 3];
         let (mut speed, mut most_n, mut relax) = (self.speed_mm_s, 0.0, 1.0);
@@ -50,22 +50,22 @@ impl Law for Bristle {
             let over = speed / self.stribeck_mm_s;
             let mu = self.mu_kinetic + (self.mu_static - self.mu_kinetic) * exp(-over * over);
             most_n = mu * load_n;
-            relax = 1.0 / (1.0 + dt * k * speed / most_n);
+            relax = 1.0 / (1.0 + STEP_S * k * speed / most_n);
             v = std::array::from_fn(|axis| match springs.stiffness[axis] {
                 0.0 => 0.0,
                 pull => {
                     let pulled = pull * springs.stretch[axis] - k * relax * self.stretch_mm[axis];
-                    pulled / (pull * dt + k * relax * dt + viscous)
+                    pulled / (pull * STEP_S + k * relax * STEP_S + viscous)
                 }
             });
             speed = 0.5 * (speed + size(v));
         }
         self.speed_mm_s = size(v);
-        self.stretch_mm = std::array::from_fn(|axis| relax * (self.stretch_mm[axis] + v[axis] * dt));
+        self.stretch_mm = std::array::from_fn(|axis| relax * (self.stretch_mm[axis] + v[axis] * STEP_S));
         let held_n = k * size(self.stretch_mm);
         let share = (held_n / most_n).min(1.0);
         Moved {
-            by_mm: v.map(|v| v * dt),
+            by_mm: v.map(|v| v * STEP_S),
             force_n: std::array::from_fn(|axis| k * self.stretch_mm[axis] + viscous * v[axis]),
             sliding: if self.speed_mm_s > SLIDING_MM_S { share } else { 0.0 },
         }

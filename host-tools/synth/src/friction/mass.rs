@@ -1,10 +1,9 @@
-//! A mass that the spring pulls, with static and kinetic friction: sticking, slipping and stick-slip in turn come from
-//! its motion.
+//! A mass that the spring pulls, with static and kinetic friction: stick, slip and stick-slip come from its motion.
 
 use serde::Serialize;
 
 use super::patch::{Law, Moved, frictions, size};
-use super::{SLIDING_MM_S, Springs};
+use super::{SLIDING_MM_S, STEP_S, Springs};
 use crate::draw::{Draw, Rng};
 use crate::objects::Object;
 
@@ -34,8 +33,8 @@ impl Mass {
 }
 
 impl Law for Mass {
-    fn step(&mut self, springs: &Springs, load_n: f64, dt: f64) -> Moved {
-        let dt = dt / SUBSTEPS as f64;
+    fn step(&mut self, springs: &Springs, load_n: f64) -> Moved {
+        let dt = STEP_S / SUBSTEPS as f64;
         // mm/s per newton.
         let impulse = 1e3 * dt / self.kg;
         let mut moved = Moved::default();

@@ -3,7 +3,7 @@
 
 use serde::Serialize;
 
-use super::{CELL_N, Friction, Pull, SlipState, Springs};
+use super::{CELL_N, Friction, Pull, STEP_S, SlipState, Springs};
 use crate::contact::{PressureMap, cell_mm};
 use crate::draw::{Draw, Rng};
 use crate::objects::Object;
@@ -18,8 +18,8 @@ pub(super) struct Moved {
 }
 
 pub(super) trait Law: Serialize {
-    /// One step of `dt` seconds under a load above 0.
-    fn step(&mut self, springs: &Springs, load_n: f64, dt: f64) -> Moved;
+    /// One step under a load above 0.
+    fn step(&mut self, springs: &Springs, load_n: f64) -> Moved;
     fn rest(&mut self);
 }
 
@@ -36,8 +36,7 @@ pub(super) fn size(v: [f64; 3]) -> f64 {
 
 /// Static and kinetic friction of a grasp of an object.
 pub(super) fn frictions(rng: &mut Rng, object: &Object) -> (f64, f64) {
-    const SPREAD: f64 = 0.15;
-    let level = libm::exp(SPREAD * rng.normal());
+    let level = libm::exp(0.15 * rng.normal());
     (level * object.mu_static, level * object.mu_kinetic)
 }
 
@@ -48,7 +47,7 @@ impl<L: Law> Patch<L> {
 }
 
 impl<L: Law> Friction for Patch<L> {
-    fn step(&mut self, map: &PressureMap, scale: f64, pull: Pull, dt: f64) -> SlipState {
+    fn step(&mut self, map: &PressureMap, scale: f64, pull: Pull) -> SlipState {
         let (mut load_n, mut moment) = (0.0, 0.0);
         for &cell in &map.loaded {
             let (x, y) = cell_mm(cell);
@@ -60,7 +59,7 @@ impl<L: Law> Friction for Patch<L> {
         load_n *= CELL_N * scale;
         let springs = pull.springs(&self.now, arm_mm);
         let moved = if load_n > 0.0 {
-            self.law.step(&springs, load_n, dt)
+            self.law.step(&springs, load_n)
         } else {
             // A free object goes where its springs are slack.
             self.law.rest();
@@ -75,7 +74,7 @@ impl<L: Law> Friction for Patch<L> {
             self.now.direction = [x / drift, y / drift];
         }
         self.now = SlipState {
-            speed_mm_s: way_mm / dt,
+            speed_mm_s: way_mm / STEP_S,
             fraction: moved.sliding,
             shear_n: [moved.force_n[0], moved.force_n[1]],
             torque_n_mm: moved.force_n[2] * arm_mm,

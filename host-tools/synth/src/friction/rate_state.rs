@@ -4,8 +4,8 @@
 use libm::{asinh, exp, log};
 use serde::Serialize;
 
-use super::Springs;
 use super::patch::{Law, Moved, frictions, size};
+use super::{STEP_S, Springs};
 use crate::draw::{Draw, Rng};
 use crate::objects::Object;
 
@@ -44,11 +44,11 @@ impl RateState {
 }
 
 impl Law for RateState {
-    fn step(&mut self, springs: &Springs, load_n: f64, dt: f64) -> Moved {
+    fn step(&mut self, springs: &Springs, load_n: f64) -> Moved {
         let pull_n: [f64; 3] = std::array::from_fn(|axis| springs.stiffness[axis] * springs.stretch[axis]);
         let most_n = size(pull_n);
         if most_n < 1e-9 {
-            self.age_s += dt;
+            self.age_s += STEP_S;
             return Moved::default();
         }
         let towards = pull_n.map(|n| n / most_n);
@@ -61,13 +61,13 @@ impl Law for RateState {
         for _ in 0..40 {
             let middle = (low + high) / 2.0;
             let v = exp(middle);
-            if most_n - stiffness * v * dt > friction(v) { low = middle } else { high = middle }
+            if most_n - stiffness * v * STEP_S > friction(v) { low = middle } else { high = middle }
         }
         let v = exp(low);
-        self.age_s = (self.age_s + dt) / (1.0 + v * dt / self.renewal_mm);
+        self.age_s = (self.age_s + STEP_S) / (1.0 + v * STEP_S / self.renewal_mm);
         let force_n = friction(v);
         Moved {
-            by_mm: towards.map(|t| t * v * dt),
+            by_mm: towards.map(|t| t * v * STEP_S),
             force_n: towards.map(|t| t * force_n),
             sliding: v * v / (v * v + HALF_SLIDING_MM_S * HALF_SLIDING_MM_S),
         }

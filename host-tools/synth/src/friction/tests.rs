@@ -6,13 +6,11 @@ use libm::{asin, cos, hypot, pow, sin};
 
 use super::*;
 use crate::check::{largest, near, quantile, within};
-use crate::contact::tests::{CENTRED, hard};
+use crate::contact::tests::{CENTRED, hard, pressed};
 use crate::contact::{Contact, Pose};
 use crate::draw::{Stream, stream};
-use crate::objects::{CATALOGUE, Shape, group, named};
+use crate::objects::{CATALOGUE, Shape, named};
 use crate::recipe::{Region, SPEEDS_MM_S};
-
-const DT: f64 = 1.0 / STEP_HZ;
 
 /// Pressure at each cell's centre, kPa at mm.
 fn map_of(kpa: impl Fn(f64, f64) -> f64) -> PressureMap {
@@ -29,10 +27,7 @@ fn map_of(kpa: impl Fn(f64, f64) -> f64) -> PressureMap {
 
 /// Pressures of a catalogue object that lies in the middle.
 fn gripped(name: &str, layer_kpa_per_mm: f64, spread_mm: f64, force_n: f64) -> PressureMap {
-    let mut map = PressureMap::empty();
-    let contact = Contact::new(named(name).unwrap(), CENTRED, layer_kpa_per_mm, spread_mm);
-    contact.pressures(force_n, [0.0; 2], &mut map);
-    map
+    pressed(&Contact::new(named(name).unwrap(), CENTRED, layer_kpa_per_mm, spread_mm), force_n)
 }
 
 fn hertz_ball(p0: f64, a: f64) -> PressureMap {
@@ -47,7 +42,7 @@ fn pulled(map: &PressureMap, k: f64, mu: f64, share: f64) -> (Interface, SlipSta
     let mut last = SlipState::default();
     for i in 1..=50 {
         let position_mm = [0.0, force_n / stiffness_n_per_mm * f64::from(i) / 50.0];
-        last = interface.step(map, 1.0, Pull { position_mm, stiffness_n_per_mm, ..Pull::default() }, DT);
+        last = interface.step(map, 1.0, Pull { position_mm, stiffness_n_per_mm, ..Pull::default() });
     }
     (interface, last)
 }
@@ -123,11 +118,10 @@ fn stick_zone_is_the_patch_of_a_smaller_load() {
         (false, Shape::Cylinder { radius_mm: 60.0, length_mm: 200.0 }),
     ] {
         let contact = Contact::new(hard(shape), CENTRED, 300.0, 0.0);
-        let (mut map, mut smaller) = (PressureMap::empty(), PressureMap::empty());
-        contact.pressures(force_n, [0.0; 2], &mut map);
+        let map = pressed(&contact, force_n);
         for q in [0.2, 0.5, 0.8] {
             let (interface, _) = pulled(&map, 800.0, mu, q);
-            contact.pressures((1.0 - q) * force_n, [0.0; 2], &mut smaller);
+            let smaller = pressed(&contact, (1.0 - q) * force_n);
             let whole = map.loaded.len() as f64;
             let size = |cells: f64| if ball { (cells / whole).sqrt() } else { cells / whole };
             let (stuck, patch) = (size(sticking(&interface, &map)), size(smaller.loaded.len() as f64));
@@ -140,13 +134,12 @@ fn stick_zone_is_the_patch_of_a_smaller_load() {
 
 #[test]
 fn full_slip_carries_kinetic_friction_and_the_spring_pulls_as_hard() {
-    let mut map = PressureMap::empty();
     let mut rng = stream(11, Stream::Friction, 0);
     let (mut worst_full, mut worst_balance) = (0.0f64, 0.0f64);
     for (i, object) in CATALOGUE.iter().enumerate() {
         let pose = Pose { x_mm: 1.0, y_mm: -3.0, yaw_rad: 0.3, tilt: [0.003, 0.002] };
         let contact = Contact::draw(&mut rng, object, pose, Region::Centre);
-        contact.pressures(0.5 + 0.2 * i as f64, [0.0; 2], &mut map);
+        let map = pressed(&contact, 0.5 + 0.2 * i as f64);
         let (mu, share) = (object.mu_static, object.mu_kinetic / object.mu_static);
         let mut interface = Interface::even(1200.0, mu, share);
         let angle = i as f64;
@@ -155,7 +148,7 @@ fn full_slip_carries_kinetic_friction_and_the_spring_pulls_as_hard() {
         for step in 0..2400 {
             let reach = 0.004 * f64::from(step);
             let position_mm = [reach * cos(angle), reach * sin(angle)];
-            now = interface.step(&map, 1.0, Pull { position_mm, stiffness_n_per_mm, ..Pull::default() }, DT);
+            now = interface.step(&map, 1.0, Pull { position_mm, stiffness_n_per_mm, ..Pull::default() });
             let off =
                 [0, 1].map(|a| stiffness_n_per_mm * (position_mm[a] - now.travel_mm[a]) - now.shear_n[a]);
             worst_balance = worst_balance.max(hypot(off[0], off[1]) / (mu * map.force_n()));
@@ -170,8 +163,7 @@ fn full_slip_carries_kinetic_friction_and_the_spring_pulls_as_hard() {
     within("spring off shear, over μP", worst_balance, ..0.01);
 }
 
-/// Pulled far and turned far at once, the friction of a patch reaches its limit surface, close to the
-/// ellipsoid (F/μN)² + (M/μNc)² = 1.
+/// Pulled and turned far, a patch reaches its limit surface, close to the ellipsoid (F/μN)² + (M/μNc)² = 1.
 #[test]
 fn shift_and_turn_together_stay_on_the_limit_surface() {
     let map = gripped("ball-knob", 1500.0, 0.6, 4.0);
@@ -187,7 +179,7 @@ fn shift_and_turn_together_stay_on_the_limit_surface() {
                 stiffness_n_per_mm: 1e4,
                 twist_n_mm_per_rad: if spin == 0.0 { 0.0 } else { 1e5 },
             };
-            last = interface.step(&map, 1.0, pull, DT);
+            last = interface.step(&map, 1.0, pull);
         }
         assert!(last.fraction > 0.99);
         (hypot(last.shear_n[0], last.shear_n[1]), last.torque_n_mm)
@@ -215,11 +207,11 @@ fn a_held_turn_is_an_endlessly_stiff_one() {
     let drawn = || Interface::draw(&mut stream(5, Stream::Friction, 0), named("usb-a-plug").unwrap());
     let (mut held, mut stiff) = (drawn(), drawn());
     let farthest = largest((0..2000).map(|step| {
-        let t = f64::from(step) * DT;
+        let t = f64::from(step) * STEP_S;
         let position_mm = [2.0 * sin(9.0 * t), 8.0 * t];
         let pull = Pull { position_mm, stiffness_n_per_mm: 30.0, ..Pull::default() };
-        let a = held.step(&map, 1.0, pull, DT).travel_mm;
-        let b = stiff.step(&map, 1.0, Pull { twist_n_mm_per_rad: 1e9, ..pull }, DT).travel_mm;
+        let a = held.step(&map, 1.0, pull).travel_mm;
+        let b = stiff.step(&map, 1.0, Pull { twist_n_mm_per_rad: 1e9, ..pull }).travel_mm;
         hypot(a[0] - b[0], a[1] - b[1])
     }));
     within("held against endlessly stiff turn, mm apart after 7 mm", farthest, ..1e-4);
@@ -237,10 +229,9 @@ fn every_step_balances_whatever_happens() {
             Pose { x_mm: 3.0 * rng.normal(), y_mm: 3.0 * rng.normal(), yaw_rad: rng.phase(), ..CENTRED };
         let contact = Contact::draw(&mut rng, object, pose, Region::Palm);
         let mut interface = Interface::draw(&mut rng, object);
-        let mut map = PressureMap::empty();
         for _ in 0..60 {
             let force_n = if rng.chance(0.15) { 0.0 } else { rng.log_between(0.05, 20.0) };
-            contact.pressures(force_n, [0.0; 2], &mut map);
+            let map = pressed(&contact, force_n);
             interface.release_unloaded(&map);
             let pull = Pull {
                 position_mm: [5.0 * rng.normal(), 5.0 * rng.normal()],
@@ -249,7 +240,7 @@ fn every_step_balances_whatever_happens() {
                 twist_n_mm_per_rad: if rng.chance(0.5) { rng.log_between(1.0, 5000.0) } else { 0.0 },
             };
             for _ in 0..4 {
-                let now = interface.step(&map, rng.between(0.9, 1.1), pull, DT);
+                let now = interface.step(&map, rng.between(0.9, 1.1), pull);
                 let held_n = 1.3 * object.mu_static * map.force_n() + 1e-6;
                 for axis in 0..2 {
                     let spring = pull.stiffness_n_per_mm * (pull.position_mm[axis] - now.travel_mm[axis]);
@@ -261,7 +252,7 @@ fn every_step_balances_whatever_happens() {
                 }
                 assert!(hypot(now.shear_n[0], now.shear_n[1]) < 1.6 * held_n);
                 assert!(now.path_mm.is_finite() && now.fraction <= 1.0 + 1e-12);
-                path += now.speed_mm_s * DT;
+                path += now.speed_mm_s * STEP_S;
             }
         }
     }
@@ -275,8 +266,8 @@ fn a_turn_slides_without_a_direction() {
     let mut interface = Interface::even(1500.0, 0.6, 0.85);
     let (mut path, mut last) = (0.0, SlipState::default());
     for step in 0..1200 {
-        let pull = Pull { turn_rad: f64::from(step) * DT, twist_n_mm_per_rad: 500.0, ..Pull::default() };
-        last = interface.step(&map, 1.0, pull, DT);
+        let pull = Pull { turn_rad: f64::from(step) * STEP_S, twist_n_mm_per_rad: 500.0, ..Pull::default() };
+        last = interface.step(&map, 1.0, pull);
         assert!(last.path_mm >= path);
         path = last.path_mm;
     }
@@ -288,7 +279,7 @@ fn a_turn_slides_without_a_direction() {
 
 /// Frames from the crosshead's 0.07 mm to full slip of the interface.
 fn delays(speed_mm_s: f64, n_per_mm: (f64, f64)) -> Vec<f64> {
-    let objects: Vec<_> = group(false).collect();
+    let objects: Vec<_> = CATALOGUE.iter().filter(|object| !object.held_out()).collect();
     let delay = |seed| {
         let mut rng = stream(seed, Stream::Friction, 0);
         let object = objects[rng.count(0, objects.len() - 1)];
@@ -302,15 +293,14 @@ fn delays(speed_mm_s: f64, n_per_mm: (f64, f64)) -> Vec<f64> {
         let mut interface = Interface::draw(&mut rng, object);
         let force_n = (2.2 * exp(0.55 * rng.normal())).clamp(0.4, 10.0);
         let stiffness_n_per_mm = rng.log_uniform(n_per_mm);
-        let mut map = PressureMap::empty();
-        contact.pressures(force_n, [0.0; 2], &mut map);
+        let map = pressed(&contact, force_n);
         let slips = (1..4800).find(|&step| {
-            let position_mm = [0.0, speed_mm_s * f64::from(step) * DT];
+            let position_mm = [0.0, speed_mm_s * f64::from(step) * STEP_S];
             let pull = Pull { position_mm, stiffness_n_per_mm, ..Pull::default() };
-            let now = interface.step(&map, 1.0, pull, DT);
+            let now = interface.step(&map, 1.0, pull);
             now.fraction > 0.95 && now.speed_mm_s > 0.1
         });
-        (slips.map_or(f64::INFINITY, |step| f64::from(step) * DT) - 0.07 / speed_mm_s) * 240.0
+        (slips.map_or(f64::INFINITY, |step| f64::from(step) * STEP_S) - 0.07 / speed_mm_s) * 240.0
     };
     (0..48).map(delay).collect()
 }

@@ -1,5 +1,4 @@
-//! Random draws. Every part of an episode draws from its own stream of one seed, so that a change in
-//! one part leaves the draws of the others alone.
+//! Random draws: every part of an episode has its own stream of one seed, and a change in one leaves the others alone.
 
 use libm::{exp, log};
 use rand::SeedableRng;

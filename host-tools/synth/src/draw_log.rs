@@ -39,7 +39,6 @@ mod tests {
         let mut log = DrawLog::default();
         log.add("part", &(1.0 / 3.0, [2.0f64.sqrt() * 1e-6, f64::INFINITY], "name", 7));
         let value = log.into_value();
-        println!("{value}");
         assert_eq!(value["part"][0], 0.333333);
         assert_eq!(value["part"][1][1], Value::Null);
         assert_eq!(value["part"][3], 7);

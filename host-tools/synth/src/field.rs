@@ -1,5 +1,4 @@
-//! A random surface: Gaussian values whose correlation fades with distance, repeating after
-//! [`PERIOD_MM`].
+//! A random surface: Gaussian values whose correlation fades with distance.
 
 use libm::{cos, round};
 use std::f64::consts::TAU;

@@ -10,7 +10,7 @@ use slipsense_recording::{Episode, Meta};
 
 use crate::draw::{Stream, stream};
 use crate::draw_log::DrawLog;
-use crate::finger::{EpisodeSetup, Finger};
+use crate::finger::{EpisodeSetup, Finger, mean};
 use crate::labels::{self, Encoder, Rule};
 use crate::recipe::{Recipe, ResolvedRecipe, SynthError};
 use crate::scenario::script::Script;
@@ -54,15 +54,11 @@ pub fn generate(recipe: &Recipe) -> Result<Episode, SynthError> {
 
     let mut piezo = vec![PiezoFrame::zeroed(); frames * sensors];
     let fingers: Vec<Finger> = (0..sensors).map(|s| setup.finger(s, &mut piezo, &mut log)).collect();
-    let mean = |of: fn(&Finger) -> &Vec<f64>| -> Vec<f32> {
-        let sum = |f: usize| fingers.iter().map(|finger| of(finger)[f]).sum::<f64>();
-        (0..frames).map(|f| (sum(f) / sensors as f64) as f32).collect()
-    };
-    let (slip_true_mm_s, slip_fraction) = (mean(|f| &f.slip_mm_s), mean(|f| &f.fraction));
+    let (slip_true_mm_s, slip_fraction) = (mean(&fingers, |f| &f.slip_mm_s), mean(&fingers, |f| &f.fraction));
     let displacement_mm = match plan.rule {
         Rule::Encoder => encoder.read(|t| vibration::at(&plan.timeline.crosshead_mm, t), frames),
         Rule::Interface => {
-            let slid_mm = mean(|f| &f.path_mm);
+            let slid_mm = mean(&fingers, |f| &f.path_mm);
             let at = |t: f64| slid_mm.get((t * FRAME_HZ) as usize).or(slid_mm.last()).copied();
             encoder.read(|t| f64::from(at(t).unwrap_or(0.0)), frames)
         }
@@ -105,7 +101,8 @@ fn slips(plan: &Plan, displacement_mm: &[f32], speed_mm_s: &[f32], fraction: &[f
                 found.push(slip.start + start..slip.end + start);
             }
             Rule::Interface => {
-                found.extend(labels::interface_intervals(speed_mm_s, fraction, frame(from)..frame(to)));
+                let pull = frame(from)..frame(to);
+                found.extend(labels::interface_intervals(speed_mm_s, fraction, pull, labels::GAP_FRAMES));
             }
         }
     }

@@ -1,6 +1,5 @@
-//! Labels: by the encoder rule of the paper's rig from the crosshead's position as an encoder reads it, or,
-//! where no crosshead pulls, from what the interface itself does. Encoder and contact rule are those of
-//! [`slipsense_recording::label`], by which recordings are labelled too.
+//! Labels: by the crosshead's encoder as on the paper's rig, or, where no crosshead pulls, by what the interface does.
+//! Encoder and contact rule are those of [`slipsense_recording::label`], by which recordings are labelled too.
 
 use std::ops::Range;
 
@@ -9,7 +8,7 @@ use slipsense::params::FRAME_RATE_HZ;
 pub use slipsense_recording::label::{
     ENCODER_STEP_MM, NO_CONTACT, NO_SLIP, ONSET_MM, SLIP, label, slip_interval, slip_without_contact,
 };
-use slipsense_recording::score::runs;
+use slipsense_recording::score::{Interval, runs};
 
 use crate::draw::{Draw, Rng};
 
@@ -17,8 +16,6 @@ use crate::draw::{Draw, Rng};
 pub const SLIPPING_MM_S: f64 = 0.1;
 /// Share of the load on sliding cells above which the interface slips as a whole.
 pub const SLIPPING_SHARE: f64 = 0.95;
-/// Share of the load on sliding cells above which most of the contact slides.
-const MOST: f32 = 0.5;
 /// Interruptions of interface slip of up to this many frames (50 ms) belong to it: a stick phase.
 pub const GAP_FRAMES: usize = 12;
 
@@ -55,6 +52,8 @@ impl Encoder {
 
     /// Position at each frame's tick, mm: interpolated between readings and in whole steps again.
     pub(crate) fn read(&self, true_mm: impl Fn(f64) -> f64, frames: usize) -> Vec<f32> {
+        // Whole steps. A position on a step must not fall below it by a rounding error.
+        let steps = |mm: f64| (mm / ENCODER_STEP_MM + 1e-6).floor();
         let reading = |n: f64| steps(true_mm(((n + self.phase) / self.rate_hz).max(0.0)));
         (0..frames)
             .map(|f| {
@@ -68,18 +67,13 @@ impl Encoder {
     }
 }
 
-/// Whole encoder steps in a position. A position on a step must not fall below it by a rounding error.
-fn steps(mm: f64) -> f64 {
-    (mm / ENCODER_STEP_MM + 1e-6).floor()
-}
-
-/// Runs of frames within `within` in which the interface slips as a whole, short interruptions closed.
-pub fn interface_intervals(speed_mm_s: &[f32], fraction: &[f32], within: Range<usize>) -> Vec<Range<usize>> {
-    slipping(speed_mm_s, fraction, within, GAP_FRAMES)
-}
-
-/// The same with interruptions of up to `gap` frames closed.
-fn slipping(speed_mm_s: &[f32], fraction: &[f32], within: Range<usize>, gap: usize) -> Vec<Range<usize>> {
+/// Runs of frames within `within` in which the interface slips as a whole, interruptions of up to `gap` frames closed.
+pub fn interface_intervals(
+    speed_mm_s: &[f32],
+    fraction: &[f32],
+    within: Range<usize>,
+    gap: usize,
+) -> Vec<Range<usize>> {
     let mut found: Vec<Range<usize>> = Vec::new();
     for f in within {
         if f64::from(speed_mm_s[f]) > SLIPPING_MM_S && f64::from(fraction[f]) > SLIPPING_SHARE {
@@ -92,20 +86,16 @@ fn slipping(speed_mm_s: &[f32], fraction: &[f32], within: Range<usize>, gap: usi
     found
 }
 
-/// Stretches of frames, first and the one behind the last.
-pub type Intervals = Vec<(usize, usize)>;
-
-/// Where the interface slips as a whole: sustained, 50 ms or longer with stick phases shorter than that closed, and
-/// shorter jerks.
-pub fn sustained_sliding(speed_mm_s: &[f32], fraction: &[f32]) -> (Intervals, Intervals) {
-    let found = slipping(speed_mm_s, fraction, 0..speed_mm_s.len(), GAP_FRAMES - 1);
+/// Where the interface slips as a whole: for 50 ms or longer with shorter stick phases closed, and shorter jerks.
+pub fn sustained_sliding(speed_mm_s: &[f32], fraction: &[f32]) -> (Vec<Interval>, Vec<Interval>) {
+    let found = interface_intervals(speed_mm_s, fraction, 0..speed_mm_s.len(), GAP_FRAMES - 1);
     found.iter().map(|slip| (slip.start, slip.end)).partition(|(start, end)| end - start >= GAP_FRAMES)
 }
 
-/// Where most of the contact slides, for however short: the interface slips as a whole there, is about to or comes to
-/// rest, or turns around a centre that sticks.
-pub fn mostly_sliding(speed_mm_s: &[f32], fraction: &[f32]) -> Intervals {
-    runs(speed_mm_s.len(), |f| f64::from(speed_mm_s[f]) > SLIPPING_MM_S && fraction[f] > MOST)
+/// Where cells that bear most of the load slide, however short: slip of the whole, its start and end, turns about a
+/// centre that sticks.
+pub fn mostly_sliding(speed_mm_s: &[f32], fraction: &[f32]) -> Vec<Interval> {
+    runs(speed_mm_s.len(), |f| f64::from(speed_mm_s[f]) > SLIPPING_MM_S && fraction[f] > 0.5)
 }
 
 #[cfg(test)]
@@ -118,8 +108,9 @@ mod tests {
         let fraction: Vec<f32> = (0..60).map(|f| if f < 10 { 0.9 } else { 1.0 }).collect();
         speed[20..20 + GAP_FRAMES].fill(0.0);
         speed[40..41 + GAP_FRAMES].fill(0.0);
-        assert_eq!(interface_intervals(&speed, &fraction, 0..60), [10..40, 53..60]);
-        assert_eq!(interface_intervals(&speed, &fraction, 12..15), std::slice::from_ref(&(12..15)));
+        let found = |within| interface_intervals(&speed, &fraction, within, GAP_FRAMES);
+        assert_eq!(found(0..60), [10..40, 53..60]);
+        assert_eq!(found(12..15), std::slice::from_ref(&(12..15)));
     }
 
     #[test]

@@ -1,5 +1,4 @@
-//! A hand that pulls or twists no harder than it can: while its spring is stretched that far, its far end
-//! stays where it is.
+//! A hand that pulls or twists no harder than it can: with its spring stretched that far, the far end stays.
 
 use crate::friction::Pull;
 

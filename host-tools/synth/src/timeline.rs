@@ -175,8 +175,7 @@ impl Timeline {
         }
     }
 
-    /// Jaws travel between two times. What they hit then is the vibration's matter; without an object it
-    /// is each other.
+    /// Jaws travel between two times. What they hit is the vibration's matter; without an object it is each other.
     pub(crate) fn close(&mut self, rng: &mut Rng, (from, to): (f64, f64), object: bool, motors: bool) {
         self.event("close", from, to);
         self.travel(rng, (from, to), 1.0, motors);
@@ -192,8 +191,7 @@ impl Timeline {
         self.pulse(rng, to, END_STOP_S, END_STOP_G);
     }
 
-    /// Grip of `base` newtons, rising and falling between two times each, with slow variation by the
-    /// operator and tremor.
+    /// Grip of `base` newtons, rising and falling between two times each, with the operator's variation and tremor.
     pub(crate) fn grip(&mut self, rng: &mut Rng, base: f64, rise: (f64, f64), fall: (f64, f64)) {
         let depth = rng.log_uniform(VARIATION_DEPTH);
         let parts: [f64; 3] = std::array::from_fn(|_| rng.between(0.2, 1.0));
@@ -207,8 +205,7 @@ impl Timeline {
         }
     }
 
-    /// A deliberate change of the grip at `start`: a squeeze that passes, a let-up, or a ramp that stays
-    /// until the end of the grasp.
+    /// A deliberate change of the grip at `start`: a squeeze that passes, a let-up, or a ramp that stays until `end`.
     pub(crate) fn grip_change(&mut self, rng: &mut Rng, start: f64, (from, to): (f64, f64), end: f64) {
         let (squeeze_s, stays) = (rng.log_uniform(SQUEEZE_S), rng.chance(0.4));
         let (rate, weaker) = (rng.log_uniform(RAMP_PER_S), rng.chance(0.35));

@@ -18,14 +18,14 @@ pub use trials::{Direction, Hand, Objects, Trial, trials};
 use std::ops::Range;
 
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
-use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
+use slipsense::sensor::{PiezoFrame, SensorInput};
 
 use crate::draw::{Draw, Stream, stream};
 use crate::draw_log::DrawLog;
-use crate::finger::{EpisodeSetup, Finger, STEPS};
+use crate::finger::{EpisodeSetup, Finger, STEPS, mean};
 use crate::friction::STEP_HZ;
 use crate::generate::frames;
-use crate::labels::interface_intervals;
+use crate::labels::{GAP_FRAMES, interface_intervals};
 use crate::mix::ScenarioChoice;
 use crate::pulling_hand::PullLimit;
 use crate::recipe::{Platform, Recipe, ResolvedRecipe, SynthError};
@@ -47,8 +47,6 @@ const TWIST_RAD: f64 = 1.6;
 /// A command acts at least this much later than what was delivered, seconds: scan and samples of a tick know
 /// nothing of what comes more than a step after it.
 const NOT_BEFORE_S: f64 = 2.0 / STEP_HZ;
-/// How loud joints or jaws are that move inward once more, against closing.
-const INWARD_VIGOUR: (f64, f64) = (0.3, 0.8);
 
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum CommandError {
@@ -94,14 +92,10 @@ pub struct Plant {
     held_s: (f64, f64),
     /// Frames of the pull and of the standstill after it.
     pulled: Range<usize>,
-    prediction: Prediction,
-    delivered: usize,
-}
-
-/// What will happen unless a command comes.
-struct Prediction {
+    /// What will happen unless a command comes.
     piezo: Vec<PiezoFrame>,
     fingers: Vec<Finger>,
+    delivered: usize,
 }
 
 impl Plant {
@@ -154,10 +148,11 @@ impl Plant {
             frames,
             held_s: (grasp.held, grasp.release),
             pulled: frame(pull.start_s)..frame(settle.end_s()).min(frames),
-            prediction: Prediction { piezo: Vec::new(), fingers: Vec::new() },
+            piezo: Vec::new(),
+            fingers: Vec::new(),
             delivered: 0,
         };
-        plant.prediction = plant.predict();
+        plant.predict();
         Ok(plant)
     }
 
@@ -190,10 +185,11 @@ impl Plant {
         self.delivered += 1;
         let sensors = self.resolved.recipe.sensors;
         let mut inputs = [SensorInput::default(); MAX_SENSORS];
-        for (sensor, finger) in self.prediction.fingers.iter().enumerate() {
+        for (sensor, finger) in self.fingers.iter().enumerate() {
+            let end = |frame: usize| finger.xl_end[frame] as usize;
             inputs[sensor] = SensorInput {
-                piezo: Some(&self.prediction.piezo[index * sensors + sensor]),
-                xl: Some(batch(finger, index)),
+                piezo: Some(&self.piezo[index * sensors + sensor]),
+                xl: Some(&finger.xl[index.checked_sub(1).map_or(0, end)..end(index)]),
                 xl_end: finger.xl_end[index],
             };
         }
@@ -225,12 +221,13 @@ impl Plant {
             timeline.grip_n[i] = let_go * (before_n + (grip_n - before_n) * ramp(t, start_s, end_s));
         }
         let mut rng = stream(self.resolved.recipe.seed, Stream::Motion, self.motions_s.len());
-        let vigour = rng.uniform(INWARD_VIGOUR);
+        // Against closing.
+        let vigour = rng.between(0.3, 0.8);
         let motors = self.resolved.recipe.platform == Platform::Tesollo;
         timeline.travel(&mut rng, (start_s, end_s), vigour, motors);
         self.motions_s.push(start_s);
         self.target_n = grip_n;
-        self.prediction = self.predict();
+        self.predict();
         Ok(())
     }
 
@@ -248,60 +245,46 @@ impl Plant {
         self.mean(|finger| finger.path_mm[frame])
     }
 
-    /// Angle by which the object has turned in the grip at a tick, mean over the fingers, rad.
-    pub fn turned_rad(&self, frame: usize) -> f64 {
-        self.mean(|finger| finger.turn_rad[frame].abs())
-    }
-
     /// First frame up to the gripper's letting go at which the object is lost: it has slid [`LOST_MM`] since the
-    /// pull began, turned by [`LOST_TURN_RAD`], or left a finger.
+    /// pull began, turned in the grip by [`LOST_TURN_RAD`] (means over the fingers), or left a finger.
     pub fn lost_at(&self) -> Option<usize> {
         let start = self.slid_mm(self.pulled.start);
         self.pulled().find(|&frame| {
             self.slid_mm(frame) - start > LOST_MM
-                || self.turned_rad(frame) > LOST_TURN_RAD
-                || self.prediction.fingers.iter().any(|finger| !finger.loaded[frame])
+                || self.mean(|finger| finger.turn_rad[frame].abs()) > LOST_TURN_RAD
+                || self.fingers.iter().any(|finger| !finger.loaded[frame])
         })
     }
 
-    /// Frames of the pull in which the interface slips as a whole
-    /// ([`interface_intervals`]): past ones, and those to come unless a
-    /// command prevents them.
+    /// Frames of the pull in which the interface slips as a whole ([`interface_intervals`]): past ones, and those to
+    /// come unless a command prevents them.
     pub fn slips(&self) -> Vec<Range<usize>> {
-        let series = |of: fn(&Finger) -> &Vec<f64>| -> Vec<f32> {
-            (0..self.frames).map(|frame| self.mean(|finger| of(finger)[frame]) as f32).collect()
-        };
-        interface_intervals(&series(|f| &f.slip_mm_s), &series(|f| &f.fraction), self.pulled())
+        let speed_mm_s = mean(&self.fingers, |f| &f.slip_mm_s);
+        let fraction = mean(&self.fingers, |f| &f.fraction);
+        interface_intervals(&speed_mm_s, &fraction, self.pulled(), GAP_FRAMES)
     }
 
     fn mean(&self, of: impl Fn(&Finger) -> f64) -> f64 {
-        self.prediction.fingers.iter().map(of).sum::<f64>() / self.prediction.fingers.len() as f64
+        self.fingers.iter().map(of).sum::<f64>() / self.fingers.len() as f64
     }
 
-    fn predict(&self) -> Prediction {
+    fn predict(&mut self) {
         // What is drawn once is drawn of the plan, which no command changes.
         let mut setup = EpisodeSetup::draw(&self.resolved, &self.planned, self.frames);
         setup.plan = &self.plan;
         setup.sources_apart = true;
         for (motion, &start_s) in self.motions_s.iter().enumerate() {
             let mut rng = stream(self.resolved.recipe.seed, Stream::Motion, motion);
-            rng.set_word_pos(CLICKS_WORD);
+            // Beyond what else the motion draws.
+            rng.set_word_pos(1 << 16);
             setup.vibration.handling.moves_again(&mut rng, self.resolved.recipe.platform, start_s);
         }
         let sensors = self.resolved.recipe.sensors;
         let mut piezo = vec![PiezoFrame::zeroed(); self.frames * sensors];
         let mut log = DrawLog::default();
-        let fingers = (0..sensors).map(|sensor| setup.finger(sensor, &mut piezo, &mut log)).collect();
-        Prediction { piezo, fingers }
+        self.fingers = (0..sensors).map(|sensor| setup.finger(sensor, &mut piezo, &mut log)).collect();
+        self.piezo = piezo;
     }
 }
 
-/// Where a motion's clicks are drawn, beyond what else it streams.
-const CLICKS_WORD: u128 = 1 << 16;
-
 const _: () = assert!(STEPS as f64 * FRAME_RATE_HZ as f64 == STEP_HZ);
-
-fn batch(finger: &Finger, frame: usize) -> &[XlSample] {
-    let end = |frame: usize| finger.xl_end[frame] as usize;
-    &finger.xl[frame.checked_sub(1).map_or(0, end)..end(frame)]
-}

@@ -1,7 +1,7 @@
-//! The plant of the closed loop: what was delivered never changes, commands act when they say and do what a firmer
-//! grip does, and what cannot be is refused.
+//! The plant: what was delivered never changes, commands act in time as a firmer grip does, what cannot be is refused.
 
 use slipsense::params::TAXELS;
+use slipsense::sensor::XlSample;
 
 use super::*;
 use crate::check::within;
@@ -51,8 +51,7 @@ fn what_lies_before_a_command_stays_to_the_bit_and_what_comes_after_is_another()
             let mut commanded = trial.plant().unwrap();
             let with = collect(&mut commanded, Some(command));
             let same = alone.iter().zip(&with).take_while(|(a, b)| a == b).count();
-            // Frames up to the tick at which the force begins to rise, whose last sample may look ahead by one; the
-            // force takes a little to show.
+            // Up to the tick at which the force begins to rise, whose last sample may look ahead; it shows later.
             let expected = (onset + 2) as f64..(onset + 12) as f64;
             within(format!("{hand:?}, {:?}: frames alike", trial.direction), same as f64, expected);
             let again = collect(&mut trial.plant().unwrap(), Some(command));

@@ -14,8 +14,7 @@ use crate::splits::hashed;
 
 /// Grip of one finger before anything reacts, newtons.
 const GRIP_N: (f64, f64) = (1.0, 4.0);
-/// Strength of the pulling hand, over what the grip holds: above the spread of friction on a pad, as the paper's
-/// operators pull until it slips.
+/// Strength of the pull over what the grip holds: above friction's spread, as the paper's operators pull until it slips.
 const STRENGTH: (f64, f64) = (1.4, 2.0);
 /// How far the pulls by hand stray from the direction they are meant to have, degrees.
 const STRAY_DEG: f64 = 15.0;

@@ -1,5 +1,4 @@
-//! Which way an object slips over the pad: models are trained on the rig's way alone, so the others are
-//! what they have never seen.
+//! Which way an object slips over the pad: models trained on the rig's way alone have never seen the others.
 
 use libm::{cos, sin};
 use serde::{Deserialize, Serialize};
@@ -19,8 +18,7 @@ pub enum SlipDirection {
     Rotational,
 }
 
-/// Unit vector in the first finger's pad x and y of a pull at this angle from the rig's direction,
-/// counter-clockwise, degrees.
+/// Unit vector in the first finger's pad x and y of a pull this far counter-clockwise from the rig's, degrees.
 pub(crate) fn unit_vector(angle_deg: f64) -> [f64; 2] {
     let angle = angle_deg.to_radians();
     [-sin(angle), cos(angle)]

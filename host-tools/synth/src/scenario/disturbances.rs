@@ -54,8 +54,7 @@ impl Disturbances {
         }
     }
 
-    /// What may come while the object is held between two times and nothing pulls it; the object stays as
-    /// it has rolled until `end`.
+    /// What may come while the object is held and nothing pulls it; it stays as it has rolled until `end`.
     pub(crate) fn while_held(&self, rng: &mut Rng, timeline: &mut Timeline, held: (f64, f64), end: f64) {
         for at in rng.moments(held, self.factor * ROLLING_PER_S, LEAST) {
             let lasts = rng.log_between(0.1, 0.8);

@@ -89,7 +89,6 @@ pub(crate) fn grasps(script: &Script) -> Vec<Grasp> {
 pub(crate) fn plan(rng: &mut Rng, resolved: &ResolvedRecipe, script: Script) -> Plan {
     use ScenarioChoice as S;
     let on_rig = resolved.scenario.on_rig();
-    let object = resolved.scenario != S::Empty;
     let motors = resolved.recipe.platform == Platform::Tesollo;
     let linked = matches!(resolved.scenario, S::SixStep | S::FirmGrip)
         || (resolved.scenario == S::RigMotion && rng.chance(RIG_MOTION_LINKED));
@@ -127,9 +126,9 @@ pub(crate) fn plan(rng: &mut Rng, resolved: &ResolvedRecipe, script: Script) -> 
         script,
     };
     let held = grasps(&plan.script);
-    plan.grip(rng, resolved, &held, &disturbances, object);
+    plan.grip(rng, resolved, &held, &disturbances);
     disturbances.anywhere(rng, &mut plan.timeline, plan.script.seconds);
-    if plan.script.phases_of(PhaseKind::Pull).next().is_some() && resolved.slips() {
+    if resolved.slips() {
         let settles: Vec<_> = plan.script.phases_of(PhaseKind::Settle).map(Phase::end_s).collect();
         let until = |t: f64| settles.iter().copied().find(|&s| s > t).unwrap_or(t);
         plan.slips = plan.script.phases_of(PhaseKind::Pull).map(|s| (s.start_s, until(s.end_s()))).collect();
@@ -159,8 +158,8 @@ impl Plan {
         resolved: &ResolvedRecipe,
         grasps: &[Grasp],
         disturbances: &Disturbances,
-        object: bool,
     ) {
+        let object = resolved.scenario != ScenarioChoice::Empty;
         let most_n = self.gives_way_n(resolved);
         if let Some(named) = resolved.recipe.grip_n.filter(|&named| named > most_n) {
             // All forces of the pull grow alike, so that it reaches the slip as surely as with a drawn grip.

@@ -11,8 +11,7 @@ use crate::scenario::script::{PhaseKind, Script};
 const RECORDINGS: usize = 3000;
 const HZ: f64 = 60.0;
 
-/// What a moment of a recording is: class 0 no contact, 1 no slip, 2 slip; the crosshead moves; its drive
-/// is loud at the accelerometers.
+/// A moment of a recording: class 0 no contact, 1 no slip, 2 slip; the crosshead moves; its drive is loud.
 struct Moment {
     t: f64,
     class: usize,
@@ -105,11 +104,6 @@ fn neither_clock_nor_rig_predicts_slip() {
         let (share, moments) = shares(all.iter().filter(|m| [m.moves, m.loud] == wanted));
         println!("crosshead {name}: {share:.3?} of {:.0} s", moments as f64 / HZ);
         assert!(share[0] > share[1].max(share[2]), "{name}: {share:?}");
-        for speed in crate::recipe::SPEEDS_MM_S {
-            let at_speed = all.iter().filter(|m| [m.moves, m.loud] == wanted && m.speed_mm_s == speed);
-            let (share, moments) = shares(at_speed);
-            println!("  {speed:4} mm/s: {share:.3?} of {:.0} s", moments as f64 / HZ);
-        }
     }
     let chance = macro_f1(&all, |_| 0);
     let clock = macro_f1(&all, |m| (m.t * 2.0) as usize);

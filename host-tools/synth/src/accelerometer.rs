@@ -15,27 +15,15 @@ use crate::draw::{Draw, Rng, dot, unit_vector};
 use crate::families::SensorFamily;
 use crate::vibration::{Biquad, Clock, Noise, add_scaled, blend, blend_rms, sin_turns};
 
-/// Noise density, g/√Hz: the modelling range of a low-noise part, set so that the paper's baselines land
-/// where they do in the paper.
-const NOISE_G: (f64, f64) = (22e-6, 45e-6);
-const OFFSET_G: f64 = 0.05;
-/// Package resonance, Hz, and the frequency at which its rise is matched.
-const RESONANCE_HZ: (f64, f64) = (5_000.0, 10_000.0);
+/// Frequency at which the rise towards the package resonance is matched.
 const RESONANCE_MATCH_HZ: f64 = 3_000.0;
-/// Change of the rate from session to session, and its drift within one, per second.
-const SESSION_RATE: f64 = 0.002;
-const RATE_DRIFT_PER_S: f64 = 5e-6;
-/// Offset's change from session to session.
-const SESSION_OFFSET_G: f64 = 0.005;
-
-/// Cross-axis terms of a part that flickers.
-const FLICKER_CROSS_AXIS: f64 = 0.15;
 
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct XlUnit {
     /// From finger axes to sensor axes: mounting rotation, gain errors and cross-axis terms together.
     pub matrix: [[f64; 3]; 3],
     pub offset_g: [f64; 3],
+    /// Density, g/√Hz: a low-noise part's, in a range set so that the paper's baselines land where they do in it.
     pub noise_g: f64,
     /// Corner of the part's low-pass.
     pub bandwidth_hz: f64,
@@ -61,11 +49,11 @@ impl XlUnit {
             .map(|row| std::array::from_fn(|from| (0..3).map(|via| row[via] * rotation[via][from]).sum()));
         Self {
             matrix,
-            offset_g: std::array::from_fn(|_| rng.between(-OFFSET_G, OFFSET_G)),
-            noise_g: rng.log_uniform(NOISE_G),
+            offset_g: std::array::from_fn(|_| rng.between(-0.05, 0.05)),
+            noise_g: rng.log_between(22e-6, 45e-6),
             bandwidth_hz: rng.between(2_000.0, 4_000.0),
             poles: if rng.chance(0.5) { 2 } else { 1 },
-            resonance_hz: rng.uniform(RESONANCE_HZ),
+            resonance_hz: rng.between(5_000.0, 10_000.0),
             alias: rng.log_between(0.003, 0.03),
             rate_error: rng.either_sign((0.01, 0.027)),
         }
@@ -89,7 +77,7 @@ impl Quirk {
         Some(match family {
             SensorFamily::Part => return None,
             SensorFamily::Flicker => {
-                unit.matrix.iter_mut().flatten().for_each(|m| *m += FLICKER_CROSS_AXIS * rng.normal());
+                unit.matrix.iter_mut().flatten().for_each(|m| *m += 0.15 * rng.normal());
                 unit.bandwidth_hz = rng.log_between(400.0, 2_500.0);
                 let top_hz = rng.log_between(300.0, 2_500.0);
                 Self::Flicker {
@@ -151,6 +139,7 @@ impl Quirk {
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct XlSession {
     pub noise: f64,
+    /// Its change against the part's own.
     pub offset_g: [f64; 3],
     /// Relative change of the rate against the part's own, and its drift per second.
     pub rate_change: f64,
@@ -166,9 +155,9 @@ impl XlSession {
     pub(crate) fn draw(rng: &mut Rng, noise: f64) -> Self {
         Self {
             noise,
-            offset_g: std::array::from_fn(|_| rng.between(-SESSION_OFFSET_G, SESSION_OFFSET_G)),
-            rate_change: rng.between(-SESSION_RATE, SESSION_RATE),
-            rate_drift_per_s: rng.between(-RATE_DRIFT_PER_S, RATE_DRIFT_PER_S),
+            offset_g: std::array::from_fn(|_| rng.between(-0.005, 0.005)),
+            rate_change: rng.between(-0.002, 0.002),
+            rate_drift_per_s: rng.between(-5e-6, 5e-6),
             start: rng.between(0.0, 1.0),
             wander: (
                 rng.log_between(0.1e-3, 2e-3),
@@ -178,8 +167,7 @@ impl XlSession {
         }
     }
 
-    /// The part's clock in this recording of `seconds`. Every part delivers as many samples as the fastest
-    /// one that the data sheets allow needs.
+    /// The part's clock in this recording of `seconds`, with samples enough for the fastest that data sheets allow.
     pub(crate) fn clock(&self, unit: &XlUnit, seconds: f64) -> Clock {
         let nominal_hz = XL_RATE_HZ as f64;
         Clock {
@@ -191,8 +179,7 @@ impl XlSession {
     }
 }
 
-/// Samples of one part of full scale ±32768 `lsb_g`: `motion_g` holds the acceleration in finger axes at
-/// the part's own sample times.
+/// Samples of one part of full scale ±32768 `lsb_g`; `motion_g` is in finger axes, at the part's sample times.
 pub(crate) fn sample(
     unit: &XlUnit,
     session: &XlSession,
@@ -259,9 +246,9 @@ fn rotation(rng: &mut Rng) -> [[f64; 3]; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::check::{largest, near, variance, within};
+    use crate::check::{largest, near, power_at, variance, within};
     use crate::draw::{Stream, stream};
-    use libm::{cos, sin, sincos};
+    use libm::{cos, sin};
 
     const LSB_G: f64 = 0.244e-3;
 
@@ -328,22 +315,14 @@ mod tests {
         let session = XlSession { rate_drift_per_s: 0.0, ..quiet() };
         let clock = session.clock(&unit, 1.0);
         let gain = |hz: f64| (power(&sampled(&unit, &tone(hz, 1.0, clock), clock)[100..]) / 0.67).sqrt();
-        // Part of a tone at f that folds to half the rate less f, by its Fourier sum.
-        let at = |samples: &[XlSample], hz: f64| {
-            let power = |a: usize| {
-                let (re, im) = samples.iter().enumerate().fold((0.0, 0.0), |(re, im), (n, s)| {
-                    let (sin, cos) = sincos(TAU * hz * n as f64 / clock.rate_hz);
-                    (re + f64::from(s[a]) * cos, im + f64::from(s[a]) * sin)
-                });
-                re * re + im * im
-            };
-            (0..3).map(power).sum::<f64>().sqrt()
-        };
         let low = gain(100.0);
         within("gain at 100 Hz", low, 0.95..1.05);
         within("at 3.5 kHz", gain(3_500.0), ..0.95 * low);
         let samples = sampled(&unit, &tone(3_000.0, 1.0, clock), clock);
-        let mirrored = at(&samples, clock.rate_hz / 2.0 - 3_000.0) / at(&samples, 3_000.0);
+        let samples: Vec<_> = samples.iter().map(|sample| sample.map(f64::from)).collect();
+        // Part of a tone at f that folds to half the rate less f.
+        let turns = 3_000.0 / clock.rate_hz;
+        let mirrored = (power_at(&samples, 0.5 - turns) / power_at(&samples, turns)).sqrt();
         within("mirror image of 3 kHz", mirrored, 0.01..0.06);
     }
 

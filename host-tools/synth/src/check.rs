@@ -48,6 +48,20 @@ pub(crate) fn above_10_hz(samples: impl Iterator<Item = [f64; 3]>) -> Vec<[f64; 
     filtered.collect()
 }
 
+/// Squared size of the Fourier sum of all axes at a frequency of so many turns per sample.
+pub(crate) fn power_at(samples: &[[f64; 3]], turns: f64) -> f64 {
+    let (sin_step, cos_step) = libm::sincos(std::f64::consts::TAU * turns);
+    let (mut c, mut s) = (1.0, 0.0);
+    let mut sums = [[0.0; 2]; 3];
+    for x in samples {
+        for (sum, x) in sums.iter_mut().zip(x) {
+            *sum = [sum[0] + x * c, sum[1] + x * s];
+        }
+        (c, s) = (c * cos_step - s * sin_step, s * cos_step + c * sin_step);
+    }
+    sums.iter().flatten().map(|x| x * x).sum()
+}
+
 pub(crate) fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
     values.into_iter().fold(f64::NEG_INFINITY, f64::max)
 }

@@ -226,9 +226,7 @@ fn most_recordings_have_no_fault_and_the_others_show_theirs() {
 }
 
 #[test]
-fn units_are_within_their_ranges_and_drawn_by_seed_alone() {
-    let run = || scans(&mut film(&unit(9), session(9, 1.0), 9), &pressed(2.0, 4.0), 0..60);
-    assert_eq!(run(), run());
+fn units_are_within_their_ranges() {
     let units: Vec<FilmUnit> = (0..40).map(unit).collect();
     let gains: Vec<f64> = units.iter().flat_map(|u| u.gain.iter().copied()).filter(|&g| g > 0.0).collect();
     within("gain", mean(&gains), 0.97..1.03);

@@ -1,5 +1,4 @@
-//! The film behind the simulated front end, calibrated as a board does it: codes of the ADC, trimmed, and the integer
-//! law that makes counts of them.
+//! The film behind the simulated front end, calibrated as by a board: trimmed codes, and counts by the integer law.
 
 use serde::Serialize;
 use slipsense::calibration::{CODE_BITS, GATE_MIN, GATE_SIGMAS, Trim};
@@ -16,14 +15,13 @@ const CODES_PER_COUNT: f64 = HALF_CODE as f64 / ASYMPTOTE as f64;
 const LINE: (f64, f64) = (0.4, 1.0);
 /// Offset of a column's amplifier, µV: the data sheet's limit is three standard deviations.
 const AMPLIFIER_UV: f64 = 125.0;
-/// Noise against that of the simulation.
-const NOISE: (f64, f64) = (0.8, 2.0);
 
 #[derive(Serialize)]
 pub(super) struct Circuit {
     front_end: FrontEnd,
     /// Drift of the idle level since the calibration.
     drift_codes: f64,
+    /// Against that of the simulation.
     noise: f64,
     #[serde(skip)]
     trims: [Trim; TAXEL_COLS],
@@ -41,7 +39,7 @@ impl Circuit {
                 (AMPLIFIER_UV / 3.0 * rng.normal()).clamp(-AMPLIFIER_UV, AMPLIFIER_UV)
             }),
         };
-        let noise = rng.uniform(NOISE);
+        let noise = rng.between(0.8, 2.0);
         let in_eighths = |codes: f64| (codes * f64::from(1 << CODE_BITS)).round() as u16;
         let gate = (GATE_SIGMAS as u16 * in_eighths(noise * table::NOISE)).max(GATE_MIN);
         let trims = front_end.offset_uv.map(|uv| Trim {

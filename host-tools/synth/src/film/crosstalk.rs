@@ -9,8 +9,7 @@
 //!   reading is divided by `1 + R_on·(Σ_k G_ik + Σ_k G_kj)`;
 //! - each undriven row stands at `V·R_on/R_off` instead of 0, so the column's other taxels leak in:
 //!   `ε_c · mean_k G_kj` with `ε_c = n·R_on/R_off` over n rows, the taxel itself left out;
-//! - each unselected column's current leaks into the amplifier in the same ratio:
-//!   `ε_r · mean_k G_ik`.
+//! - each unselected column's current leaks into the amplifier in the same ratio: `ε_r · mean_k G_ik`.
 //!
 //! `part_tests.rs` solves the whole network of 32 + 32 nodes and compares. With undriven lines left
 //! floating instead, current finds its way round: three loaded corners of a rectangle show a fourth.

@@ -192,9 +192,8 @@ fn first_order_crosstalk_is_close_to_the_whole_network() {
     for (name, kpa) in &grips {
         for (line, leak) in [(0.001, 0.002), (0.003, 0.006), (0.01, 0.02)] {
             let (worst, rms, bare) = errors(kpa, line, leak);
-            println!("{name}, R_on {line}, leak {leak}: without crosstalk rms {bare:.3} counts");
             // No more than second-order terms are missing, no taxel is off by more than rounding.
-            within("rms error, counts", rms, ..0.03 * bare);
+            within(format!("{name}, R_on {line}, leak {leak}: rms error, counts"), rms, ..0.03 * bare);
             within("largest error, counts", worst, ..0.5);
         }
     }

@@ -1,5 +1,4 @@
-//! A film of conducting grains: nothing below a threshold, then counts with the logarithm of pressure; a load leaves the
-//! threshold lower for a while.
+//! A film of conducting grains: counts by the logarithm of pressure above a threshold, which a load lowers for a while.
 
 use libm::{exp, log};
 use serde::Serialize;

@@ -8,12 +8,9 @@ use slipsense::params::{COUNT_MAX, FRAME_RATE_HZ};
 use super::transfer::FULL_SCALE_KPA;
 use crate::draw::{Draw, Rng};
 
-/// Shares of the slower elements, and their time constants under load.
-const SHARES: [(f64, f64); 2] = [(0.05, 0.3), (0.01, 0.1)];
-const TAU_S: [(f64, f64); 2] = [(0.02, 0.15), (0.2, 1.0)];
-
 #[derive(Serialize)]
 pub(super) struct Relaxing {
+    /// Of the slower elements, and what one frame takes of their distance to the load, rising and falling.
     shares: [f64; 2],
     rise: [f64; 2],
     fall: [f64; 2],
@@ -31,9 +28,10 @@ impl Relaxing {
     pub fn draw(rng: &mut Rng) -> Self {
         let blend = |tau_s: f64| 1.0 - exp(-1.0 / (tau_s * FRAME_RATE_HZ as f64));
         let slowdown = rng.between(1.0, 2.0);
-        let tau_s = TAU_S.map(|span| rng.log_uniform(span));
+        // Under load.
+        let tau_s = [(0.02, 0.15), (0.2, 1.0)].map(|span| rng.log_uniform(span));
         Self {
-            shares: SHARES.map(|span| rng.uniform(span)),
+            shares: [(0.05, 0.3), (0.01, 0.1)].map(|span| rng.uniform(span)),
             rise: tau_s.map(blend),
             fall: tau_s.map(|tau| blend(tau * slowdown)),
             exponent: rng.between(0.65, 0.9),

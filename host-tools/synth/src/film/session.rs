@@ -1,5 +1,4 @@
-//! What differs from recording to recording of the same array: temperature, age, mains, and the
-//! electrical faults that happen in it.
+//! What differs from recording to recording of the same array: temperature, age, mains and electrical faults.
 
 use libm::exp;
 use serde::Serialize;
@@ -12,22 +11,6 @@ use crate::timeline::Event;
 
 /// Age, months; a unit's loss of gain is given for the whole span.
 const AGE_MONTHS: (f64, f64) = (0.0, 4.0);
-/// Shift of the idle level with temperature and supply, counts. Like the noise below a modelling range that
-/// was set together with the unit's own.
-const ZERO_COUNTS: (f64, f64) = (-0.2, 0.2);
-/// Noise of a recording against the unit's own, logarithmic rms and bounds: supplies and motors nearby.
-const NOISE_SPREAD: f64 = 0.15;
-const NOISE_BOUNDS: (f64, f64) = (0.7, 1.5);
-/// Mains frequencies and how far a grid strays from them, Hz.
-const MAINS_HZ: [f64; 2] = [50.0, 60.0];
-const MAINS_STRAY_HZ: f64 = 0.1;
-/// Electrical faults per second of a recording: three recordings of 8 s in four have none.
-const FAULTS_PER_S: f64 = 0.03;
-/// Frames that a flickering connection lasts, taxels of one row it takes along, and counts it adds
-/// where it does not drop to 0. Above some 500 counts over all, an idle pad reads as touched meanwhile.
-const FLICKER_FRAMES: (usize, usize) = (2, 60);
-const FLICKER_TAXELS: (usize, usize) = (1, 4);
-const FLICKER_COUNTS: (f64, f64) = (30.0, 600.0);
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Fault {
@@ -61,14 +44,16 @@ pub(crate) struct FilmSession {
     /// Against the unit's reference, °C.
     pub temperature_c: f64,
     pub age_months: f64,
+    /// Noise against the unit's own: supplies and motors nearby. Set, like the shift below, together with the unit's.
     pub noise_factor: f64,
-    /// Shift of the idle level of all taxels, counts.
+    /// Shift of the idle level of all taxels with temperature and supply, counts.
     pub zero_counts: f64,
+    /// Of a grid that strays a little.
     pub mains_hz: f64,
     pub mains_phase: f64,
     /// Its pick-up, share of the unit's worst.
     pub mains_share: f64,
-    /// In order of their start, up to the longest recording there is.
+    /// In order of their start, up to the longest recording there is: three recordings of 8 s in four have none.
     #[serde(skip)]
     pub faults: Vec<Fault>,
 }
@@ -79,13 +64,12 @@ impl FilmSession {
         Self {
             temperature_c: rng.between(-8.0, 8.0),
             age_months: rng.uniform(AGE_MONTHS),
-            noise_factor: noise_factor
-                * exp(NOISE_SPREAD * rng.normal()).clamp(NOISE_BOUNDS.0, NOISE_BOUNDS.1),
-            zero_counts: rng.uniform(ZERO_COUNTS),
-            mains_hz: MAINS_HZ[rng.count(0, 1)] + rng.between(-MAINS_STRAY_HZ, MAINS_STRAY_HZ),
+            noise_factor: noise_factor * exp(0.15 * rng.normal()).clamp(0.7, 1.5),
+            zero_counts: rng.between(-0.2, 0.2),
+            mains_hz: [50.0, 60.0][rng.count(0, 1)] + rng.between(-0.1, 0.1),
             mains_phase: rng.phase(),
             mains_share: rng.between(0.0, 1.0),
-            faults: faults(rng, FAULTS_PER_S * noise_factor),
+            faults: faults(rng, 0.03 * noise_factor),
         }
     }
 
@@ -121,7 +105,7 @@ fn faults(rng: &mut Rng, per_s: f64) -> Vec<Fault> {
             return faults;
         }
         let (kind, (shortest, longest)) = match rng.count(0, 2) {
-            0 => (flicker(rng), FLICKER_FRAMES),
+            0 => (flicker(rng), (2, 60)),
             1 => (FaultKind::RowDropout { row: rng.count(0, TAXEL_ROWS - 1) }, (1, 10)),
             _ => (FaultKind::MissingFrame, (1, 2)),
         };
@@ -132,12 +116,13 @@ fn faults(rng: &mut Rng, per_s: f64) -> Vec<Fault> {
 }
 
 fn flicker(rng: &mut Rng) -> FaultKind {
-    let taxels = rng.count(FLICKER_TAXELS.0, FLICKER_TAXELS.1);
+    let taxels = rng.count(1, 4);
     FaultKind::Flicker {
         row: rng.count(0, TAXEL_ROWS - 1),
         col: rng.count(0, TAXEL_COLS - taxels),
         taxels,
-        jump_counts: rng.chance(0.5).then(|| rng.log_uniform(FLICKER_COUNTS).round() as u16),
+        // Above some 500 counts over all, an idle pad reads as touched meanwhile.
+        jump_counts: rng.chance(0.5).then(|| rng.log_between(30.0, 600.0).round() as u16),
         // The first frame is always touched.
         pattern: rand::Rng::random::<u64>(rng) | 1,
     }

@@ -16,8 +16,7 @@ use slipsense::params::COUNT_MAX;
 pub const HALF_KPA: f64 = 900.0;
 /// Pressure of full scale (paper, section 3: 0–5 MPa).
 pub const FULL_SCALE_KPA: f64 = 5_000.0;
-/// Exponent of the nominal film. With ±0.05 from unit to unit it stays inside 0.7–1.0, the range of
-/// printed piezoresistive films.
+/// Exponent of the nominal film; with ±0.05 from unit to unit within the 0.7–1.0 of printed piezoresistive films.
 pub const EXPONENT: f64 = 0.92;
 
 /// Conductance in units of the divider's reference.

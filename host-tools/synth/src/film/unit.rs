@@ -13,20 +13,13 @@ use super::transfer::EXPONENT;
 use crate::contact::cell_mm;
 use crate::draw::{Draw, Rng};
 
-/// Electrical noise of a taxel, counts rms (LSB of the 12-bit converter), and below it the idle level: the
-/// modelling ranges here, which the paper does not state, set so that its baselines land where they do in
-/// it. Noisier readouts are made by the recipe's factor on the noise.
-const NOISE_COUNTS: (f64, f64) = (0.4, 0.7);
 /// Idle level of a taxel, counts. Below 0: the converter's range begins above the divider's idle voltage,
-/// so that most of the noise of an untouched taxel reads 0.
+/// so that most of the noise of an untouched taxel reads 0. Like that of the noise a modelling range, which the
+/// paper does not state, set so that its baselines land where they do in it.
 const OFFSET_COUNTS: (f64, f64) = (-0.9, -0.1);
-/// Spread of the idle level over the taxels of a unit, counts.
-const OFFSET_SPREAD_COUNTS: f64 = 0.1;
 
-/// Smooth variation of gain over the pad: standard deviation (two of them are ±15 %) and correlation
-/// length, mm.
+/// Standard deviation of the smooth variation of gain over the pad: two of them are ±15 %.
 const GAIN_SMOOTH: f64 = 0.075;
-const GAIN_LENGTH_MM: (f64, f64) = (5.0, 10.0);
 /// Variation of each taxel by itself, standard deviation.
 const GAIN_OWN: f64 = 0.05;
 /// Deviation of the exponent from the nominal film's.
@@ -46,9 +39,11 @@ pub(crate) struct FilmUnit {
     pub dead: Vec<[usize; 2]>,
     /// Taxels that read a level whatever happens: row, column, counts.
     pub stuck: Vec<[usize; 3]>,
+    /// Correlation length of the smooth variation of gain.
     pub gain_length_mm: f64,
     pub exponent: f64,
     pub offset_counts: f64,
+    /// Electrical noise of a taxel, rms. Noisier readouts are made by the recipe's factor on it.
     pub noise_counts: f64,
     pub mains_counts: f64,
     /// Time constant of a taxel.
@@ -67,9 +62,9 @@ pub(crate) struct FilmUnit {
 
 impl FilmUnit {
     pub(crate) fn draw(rng: &mut Rng) -> Self {
-        let gain_length_mm = rng.uniform(GAIN_LENGTH_MM);
+        let gain_length_mm = rng.between(5.0, 10.0);
         let mut gain = gain_map(rng, gain_length_mm);
-        let noise_counts = rng.uniform(NOISE_COUNTS);
+        let noise_counts = rng.between(0.4, 0.7);
         let (dead, stuck) = faulty(rng);
         for [row, col] in dead.iter().copied().chain(stuck.iter().map(|&[row, col, _]| [row, col])) {
             gain[row * TAXEL_COLS + col] = 0.0;
@@ -78,7 +73,7 @@ impl FilmUnit {
         let mains_counts = rng.between(0.0, 0.5);
         let mut offset = Box::new([0.0; TAXELS]);
         for level in offset.iter_mut() {
-            let own = offset_counts + OFFSET_SPREAD_COUNTS * rng.normal();
+            let own = offset_counts + 0.1 * rng.normal();
             *level = own.clamp(OFFSET_COUNTS.0, OFFSET_COUNTS.1) as f32;
         }
         Self {
@@ -110,8 +105,7 @@ impl FilmUnit {
     }
 }
 
-/// Factor of each taxel: a smooth random field with covariance `exp(−d²/2L²)`, as a sum of cosines with
-/// Gaussian wave vectors, and a part of its own.
+/// Factor of each taxel: a field of covariance `exp(−d²/2L²)`, cosines of Gaussian wave vectors, and its own part.
 fn gain_map(rng: &mut Rng, length_mm: f64) -> Box<[f64; TAXELS]> {
     const WAVES: usize = 24;
     let waves: [_; WAVES] =

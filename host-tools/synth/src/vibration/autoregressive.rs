@@ -23,10 +23,7 @@ const SPEEDS_MM_S: [f64; 7] = [1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 40.0];
 const FORCES_N: [f64; 3] = [0.5, 2.0, 8.0];
 /// Speed in mm/s and median level in mg rms of the vector, at 2 N and Ra 1 µm.
 const LEVEL_MG: [(f64, f64); 5] = [(2.0, 4.0), (5.0, 13.0), (10.0, 30.0), (15.0, 49.0), (18.0, 60.0)];
-/// Logarithmic spread of the level.
-const LEVEL_SPREAD: f64 = 0.25;
-/// Wavelength of the resonance that moves with speed, mm, and the frequencies it stays within, Hz.
-const MOVING_MM: (f64, f64) = (0.008, 0.04);
+/// Frequencies that the resonance that moves with speed stays within, Hz.
 const MOVING_HZ: (f64, f64) = (60.0, 3_200.0);
 /// The two that stay where they are, Hz, but for the force that stiffens them.
 const FIXED_HZ: [(f64, f64); 2] = [(250.0, 900.0), (1_200.0, 3_000.0)];
@@ -43,7 +40,8 @@ pub(crate) struct AutoregressiveNoise {
 
 impl AutoregressiveNoise {
     pub(crate) fn draw(rng: &mut Rng, object: &Object) -> Self {
-        let moving_mm = rng.log_uniform(MOVING_MM);
+        // Wavelength of the resonance that moves.
+        let moving_mm = rng.log_between(0.008, 0.04);
         // Bandwidths: of the moving one over its frequency, of the fixed ones in Hz.
         let moving_width = rng.between(0.4, 1.0);
         let fixed = FIXED_HZ.map(|span| rng.log_uniform(span));
@@ -68,7 +66,7 @@ impl AutoregressiveNoise {
         let axes = unit_vector(std::array::from_fn(|_| rng.between(0.3, 1.0)));
         let roughness_exponent = rng.between(0.6, 0.8);
         Self {
-            level: pow(object.roughness_um, roughness_exponent) * exp(LEVEL_SPREAD * rng.normal()),
+            level: pow(object.roughness_um, roughness_exponent) * exp(0.25 * rng.normal()),
             force_exponent: rng.between(0.2, 0.5),
             axes,
             nodes,
@@ -142,8 +140,7 @@ fn lattice(k: &Reflection, delay: &mut Reflection, input: f64) -> f64 {
     forward
 }
 
-/// Where a value lies on a rising scale: index of the node below it and the logarithmic share of the way
-/// to the next.
+/// Where a value lies on a rising scale: index of the node below and logarithmic share of the way to the next.
 fn between(scale: &[f64], value: f64) -> (usize, f64) {
     let i = scale.iter().filter(|&&s| s <= value).count().clamp(1, scale.len() - 1) - 1;
     let share = log((value / scale[i]).max(1e-6)) / log(scale[i + 1] / scale[i]);

@@ -6,13 +6,11 @@ use serde::Serialize;
 use super::scene::Motion;
 use crate::draw::{Draw, Rng};
 
-/// Time in which an echo falls to a tenth, and how many of those are kept.
-const DECAY_S: (f64, f64) = (1e-3, 10e-3);
-const KEPT: f64 = 2.0;
 const RATE_HZ: f64 = 8_000.0;
 
 #[derive(Serialize)]
 pub(super) struct Echoes {
+    /// Until an echo has fallen to a tenth; twice that is kept.
     decay_s: f64,
     /// Weight of the echo before in the next: below 0 it is bright, above 0 dull.
     colour: f64,
@@ -23,12 +21,12 @@ pub(super) struct Echoes {
 
 impl Echoes {
     pub fn draw(rng: &mut Rng) -> Self {
-        let (decay_s, colour) = (rng.log_uniform(DECAY_S), rng.between(-0.6, 0.8));
+        let (decay_s, colour) = (rng.log_between(1e-3, 10e-3), rng.between(-0.6, 0.8));
         let level = rng.log_between(0.4, 1.5);
         let fall = exp(-std::f64::consts::LN_10 / (decay_s * RATE_HZ));
         let taps = std::array::from_fn(|_| {
             let (mut envelope, mut echo) = (1.0, 0.0);
-            let mut taps: Vec<f64> = (0..(KEPT * decay_s * RATE_HZ) as usize)
+            let mut taps: Vec<f64> = (0..(2.0 * decay_s * RATE_HZ) as usize)
                 .map(|_| {
                     echo = colour * echo + rng.normal();
                     envelope *= fall;

@@ -1,5 +1,4 @@
-//! Disturbances beside the scenario's own handling: knocks, machines, and what rubs where no pad is. Their levels are
-//! those at the accelerometer.
+//! Disturbances beside the scenario's handling, as at the accelerometer: knocks, machines, what rubs where no pad is.
 
 use libm::{exp, pow};
 use serde::Serialize;
@@ -12,13 +11,9 @@ use crate::families::DisturbanceFamily;
 
 /// Cuts off the longest gaps: see [`Draw::exponential`].
 const LEAST: f64 = 1e-9;
-/// Share of the knocks that are a shake.
-const SHAKES: f64 = 0.25;
 /// Decay in seconds, peak in g and frequency in Hz. A shake is slow and lasts, a knock rings.
 const SHAKE: (Span, Span, Span) = ((0.1, 0.8), (0.05, 0.8), (2.0, 18.0));
 const KNOCK: (Span, Span, Span) = ((2e-3, 60e-3), (0.02, 3.0), (20.0, 2_500.0));
-/// Of a machine.
-const HARMONICS: (usize, usize) = (3, 16);
 /// A machine runs so long, and pauses so long.
 const RUNS_S: (f64, f64) = (0.3, 20.0);
 
@@ -78,14 +73,15 @@ pub(super) struct Elsewhere {
 }
 
 impl Elsewhere {
-    pub fn draw(family: DisturbanceFamily, rng: &mut Rng, seconds: f64) -> Self {
+    /// `None` where nothing but the scenario's own handling disturbs.
+    pub fn draw(family: DisturbanceFamily, rng: &mut Rng, seconds: f64) -> Option<Self> {
         let mut all = Self::default();
         match family {
-            DisturbanceFamily::Handling => {}
+            DisturbanceFamily::Handling => return None,
             DisturbanceFamily::Knocks => {
                 let per_s = rng.log_between(0.1, 2.0);
                 for at_s in rng.moments((0.0, seconds), per_s, LEAST) {
-                    let (decay_s, peak_g, hz) = if rng.chance(SHAKES) { SHAKE } else { KNOCK };
+                    let (decay_s, peak_g, hz) = if rng.chance(0.25) { SHAKE } else { KNOCK };
                     let (decay_s, peak_g) = (rng.log_uniform(decay_s), rng.log_uniform(peak_g));
                     let hz = rng.log_uniform(hz);
                     let at = Stretch::draw(rng, at_s, 6.0 * decay_s);
@@ -96,7 +92,7 @@ impl Elsewhere {
                 let rms_g = rng.log_between(1e-3, 60e-3);
                 let noise_share = rng.between(0.0, 0.8);
                 let slope = rng.between(-1.0, 1.5);
-                let count = rng.count(HARMONICS.0, HARMONICS.1);
+                let count = rng.count(3, 16);
                 let peaks: Vec<f64> =
                     (1..=count).map(|k| pow(k as f64, -slope) * exp(0.8 * rng.normal())).collect();
                 let norm = (peaks.iter().map(|p| p * p).sum::<f64>() / 2.0).sqrt();
@@ -134,7 +130,7 @@ impl Elsewhere {
                 }
             }
         }
-        all
+        Some(all)
     }
 
     pub fn add(&self, rng: &mut Rng, motion: &mut Motion) {

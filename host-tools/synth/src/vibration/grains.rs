@@ -13,9 +13,6 @@ use crate::timeline::Pulse;
 
 /// The most grains in a second.
 const MOST_HZ: f64 = 1_500.0;
-/// Logarithmic spread of the level between recordings.
-const LEVEL_SPREAD: f64 = 0.5;
-const ROUGHNESS_EXPONENT: f64 = 0.4;
 
 #[derive(Serialize)]
 pub(super) struct Grains {
@@ -34,7 +31,7 @@ impl Grains {
     pub fn draw(rng: &mut Rng, object: &Object) -> Self {
         let (spacing_mm, width_s) = (rng.log_between(0.01, 0.25), rng.log_between(0.15e-3, 1.2e-3));
         let peak_spread = rng.between(0.4, 1.2);
-        let level = pow(object.roughness_um, ROUGHNESS_EXPONENT) * exp(LEVEL_SPREAD * rng.normal());
+        let level = pow(object.roughness_um, 0.4) * exp(0.5 * rng.normal());
         // Mean square of half-sines at the reference: rate · peak² · width / 2, the peak's with its spread.
         let rate = (REFERENCE_MM_S / spacing_mm).min(MOST_HZ);
         let square = rate * width_s / 2.0 * exp(2.0 * peak_spread * peak_spread);

@@ -6,14 +6,12 @@ use slipsense::params::MAX_SENSORS;
 
 use super::scene::{Motion, Scene, at};
 use super::signal::{add_scaled, sin_turns};
-use crate::draw::{Draw, Rng};
+use crate::draw::{Draw, Rng, Span};
 use crate::friction::STEP_HZ;
 use crate::timeline::Pulse;
 
 /// Sway of a hand: components, which share its peak.
 const SWAYS: usize = 3;
-/// Chance that the person walks for a part of the recording.
-const WALKS: f64 = 0.3;
 
 #[derive(Clone, Debug, Serialize)]
 struct Sway {
@@ -43,12 +41,17 @@ impl HandMotion {
             return motion;
         }
         let sway_g = rng.log_between(0.03, 0.5) / SWAYS as f64;
-        for _ in 0..SWAYS {
-            motion.sway(rng, (0.2, 3.0), sway_g);
-        }
+        let sway = |rng: &mut Rng, hz: Span, peak_g: f64| Sway {
+            hz: rng.log_uniform(hz),
+            peak_g,
+            phase: rng.between(0.0, 1.0),
+            direction: rng.direction(),
+        };
+        motion.sways.extend((0..SWAYS).map(|_| sway(rng, (0.2, 3.0), sway_g)));
         let tremor_g = rng.log_between(0.005, 0.03);
-        motion.sway(rng, (8.0, 12.0), tremor_g);
-        if rng.chance(WALKS) {
+        motion.sways.push(sway(rng, (8.0, 12.0), tremor_g));
+        // The person walks for a part of the recording.
+        if rng.chance(0.3) {
             let seconds = scene.timeline.grip_n.len() as f64 / STEP_HZ;
             let from = rng.between(0.0, 0.7 * seconds);
             let to = rng.between(from, seconds);
@@ -69,15 +72,6 @@ impl HandMotion {
             }
         }
         motion
-    }
-
-    fn sway(&mut self, rng: &mut Rng, hz: (f64, f64), peak_g: f64) {
-        self.sways.push(Sway {
-            hz: rng.log_uniform(hz),
-            peak_g,
-            phase: rng.between(0.0, 1.0),
-            direction: rng.direction(),
-        });
     }
 
     pub(crate) fn add_gravity(&self, motion: &mut Motion) {

@@ -1,5 +1,4 @@
-//! Handling noise, the vibration of a grasp that is not slip: impacts of closing and opening, creaking grip changes, jaws,
-//! and the object dragged over something else.
+//! Handling noise, a grasp's vibration that is not slip: impacts, creaking grip changes, jaws, the object dragged.
 
 use libm::{exp, log, pow};
 use serde::Serialize;
@@ -10,7 +9,7 @@ use super::machine::{Actuation, Nearby};
 use super::modes::Modes;
 use super::scene::{Motion, Scene, SlipSeries, TOUCHED_N, at};
 use super::signal::{Noise, add_scaled, blend, blend_rms, sin_turns};
-use super::slip::Surface;
+use super::slip::{REFERENCE_N, Surface};
 use super::streams::{NoiseSource, NoiseStreams};
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
@@ -19,16 +18,11 @@ use crate::scenario::levels::DRAG_MM_S;
 use crate::timeline::Pulse;
 
 const CLOSING_G: (f64, f64) = (0.1, 3.0);
-/// The fingers touch within this of each other, seconds.
-const CLOSING_SPREAD_S: (f64, f64) = (-0.01, 0.02);
-/// How much of one finger's impact the others feel.
-const CLOSING_ELSEWHERE: f64 = 0.15;
 /// Share of a closing impact that excites the modes besides moving the finger as a whole.
 const CLOSING_MODES: f64 = 0.5;
 
-/// Creak while the grip changes: level in g at [`CREAK_FULL_PER_S`]. Relative force rates
-/// up to the first are silent: a tremor of 3 % at 12 Hz has 2.3 per second and moves nothing.
-const CREAK_G: (f64, f64) = (0.003, 0.03);
+/// Creak while the grip changes: relative force rates up to the first are silent, as a tremor of 3 % at 12 Hz has 2.3
+/// per second and moves nothing; its level is stated at the second.
 const CREAK_FROM_PER_S: f64 = 2.4;
 const CREAK_FULL_PER_S: f64 = 6.0;
 /// Micro-slip during grip changes: pulses per unit of relative change.
@@ -66,7 +60,7 @@ pub(crate) struct HandlingNoise {
 impl HandlingNoise {
     pub(crate) fn draw(rng: &mut Rng, scene: &Scene<'_>) -> Self {
         let mut drawn = Self {
-            creak_g: rng.log_uniform(CREAK_G),
+            creak_g: rng.log_between(0.003, 0.03),
             creak_hz: rng.log_between(150.0, 800.0),
             rail_g: rng.log_between(0.01, 0.05),
             rail_hz: rng.log_between(100.0, 600.0),
@@ -214,7 +208,7 @@ impl HandlingNoise {
             path_mm: path_mm.collect(),
             speed_mm_s,
             fraction: (0..steps).map(held).collect(),
-            grip_n: vec![super::slip::REFERENCE_N; steps],
+            grip_n: vec![REFERENCE_N; steps],
             direction: vec![[0.0, 1.0]; steps],
         };
         self.dragged.add_rubbing(&rubbing, self.drag_arrives, streams.of(NoiseSource::Drag), force);
@@ -226,8 +220,7 @@ impl HandlingNoise {
     fn aftershocks(&self, scene: &Scene<'_>, modes: &Modes, rng: &mut Rng, motion: &mut Motion) {
         for at_s in crossings(&scene.timeline.grip_n, TOUCHED_N).1 {
             // The release takes up to 150 ms; the grip before it counts.
-            let strength =
-                (at(&scene.timeline.grip_n, at_s - 0.2).max(0.2) / super::slip::REFERENCE_N).sqrt();
+            let strength = (at(&scene.timeline.grip_n, at_s - 0.2).max(0.2) / REFERENCE_N).sqrt();
             for mode in &modes.modes[..2] {
                 let hz = mode.hz * modes.shift(0.0);
                 let peak = self.aftershock_g * strength * rng.between(0.3, 1.0);
@@ -236,8 +229,7 @@ impl HandlingNoise {
                 let start = motion.clock.sample_at(at_s);
                 let mut envelope = peak;
                 for (t, out) in motion.samples().skip(start) {
-                    let value = envelope * sin_turns(hz * (t - at_s));
-                    add_scaled(out, value, mode.direction);
+                    add_scaled(out, envelope * sin_turns(hz * (t - at_s)), mode.direction);
                     envelope *= keep;
                     if envelope < 1e-5 {
                         break;
@@ -263,10 +255,11 @@ pub(super) fn closing(rng: &mut Rng, scene: &Scene<'_>, at_s: f64) -> [Pulse; MA
             hertz_contact_s(rng.log_between(0.03, 0.1), rng.log_between(2e-3, 15e-3), modulus_pa, speed_m_s);
         let bounce = 1.0 + rng.between(0.1, 0.6);
         let scatter = rng.direction();
-        let mut share = [CLOSING_ELSEWHERE; MAX_SENSORS];
+        // What the others feel of one finger's impact.
+        let mut share = [0.15; MAX_SENSORS];
         share[sensor] = 1.0;
         Pulse {
-            at_s: at_s + rng.uniform(CLOSING_SPREAD_S),
+            at_s: at_s + rng.between(-0.01, 0.02),
             width_s,
             peak_g: (PI * speed_m_s * bounce / (2.0 * width_s) / 9.81).clamp(CLOSING_G.0, CLOSING_G.1),
             direction: [0.3 * scatter[0], 0.3 * scatter[1], 0.95],
@@ -296,8 +289,7 @@ fn noise(levels: &[f64], corner_hz: f64, rng: &mut Rng, force: &mut Motion) {
     for (t, out) in force.samples() {
         let level = at(levels, t);
         if level > 0.0 {
-            let white = state.next(rng, blend);
-            add_scaled(out, gain * level, white);
+            add_scaled(out, gain * level, state.next(rng, blend));
         }
     }
 }

@@ -1,5 +1,4 @@
-//! Machines: the motors of a jointed hand, and what runs nearby. Their levels are those at the
-//! accelerometer, so they do not pass the finger's modes.
+//! Machines: a jointed hand's motors and what runs nearby, as at the accelerometer: they do not pass the modes.
 
 use serde::Serialize;
 use std::f64::consts::PI;
@@ -23,8 +22,7 @@ struct Tone {
     direction: [f64; 3],
 }
 
-/// Narrow-band noise of a tool, while the scene says that it works: centre, half-width over centre, level, and pace of
-/// its swell.
+/// Narrow-band noise of a tool while it works: centre, half-width over centre, level, and pace of its swell.
 #[derive(Clone, Debug, Serialize)]
 struct Tool {
     hz: f64,
@@ -84,14 +82,12 @@ impl Nearby {
         if let Some(tool) = &self.tool {
             let rate_hz = motion.clock.rate_hz;
             let mut band = Biquad::bandpass(tool.hz, tool.width, rate_hz);
-            // Equivalent noise bandwidth of the resonance: πζf. The swell has an rms of 1
-            // while the tool works.
+            // Equivalent noise bandwidth of the resonance: πζf. The swell of a working tool has an rms of 1.
             let gain = tool.rms_g / (2.0 * PI * tool.width * tool.hz / rate_hz).sqrt();
             for (t, out) in motion.samples() {
                 let swell =
                     at(&scene.timeline.ambient, t) * (0.9 + 0.6 * sin_turns(tool.swell_hz * t + tool.phase));
-                let value = gain * swell * band.next(rng.normal());
-                add_scaled(out, value, tool.direction);
+                add_scaled(out, gain * swell * band.next(rng.normal()), tool.direction);
             }
         }
     }
@@ -105,8 +101,7 @@ impl Tone {
     fn add(&self, motion: &mut Motion) {
         let peak = self.rms_g * std::f64::consts::SQRT_2;
         for (t, out) in motion.samples() {
-            let value = peak * sin_turns(self.hz * t + self.phase);
-            add_scaled(out, value, self.direction);
+            add_scaled(out, peak * sin_turns(self.hz * t + self.phase), self.direction);
         }
     }
 }

@@ -30,7 +30,7 @@ pub(crate) use streams::NoiseStreams;
 use serde::Serialize;
 
 use crate::draw::Rng;
-use crate::families::{DisturbanceFamily, Families, PathFamily, SourceFamily};
+use crate::families::{PathFamily, SourceFamily};
 use crate::friction::STEP_HZ;
 use crate::recipe::VibrationContent;
 use autoregressive::AutoregressiveNoise;
@@ -78,15 +78,14 @@ struct Other {
 
 impl Other {
     fn draw(rng: &mut Rng, scene: &Scene<'_>) -> Self {
-        let (source, Families { path, disturbance, .. }) = (scene.source, scene.families);
+        let (source, path) = (scene.source, scene.families.path);
         let seconds = scene.timeline.steps() as f64 / STEP_HZ;
-        let elsewhere = Elsewhere::draw(disturbance, rng, seconds);
         Self {
+            elsewhere: Elsewhere::draw(scene.families.disturbance, rng, seconds),
             profile: (source == SourceFamily::Profile).then(|| Profile::draw(rng, scene.object)),
             grains: (source == SourceFamily::Grains).then(|| Grains::draw(rng, scene.object)),
             sections: (path == PathFamily::Sections).then(|| Sections::draw(rng)),
             echoes: (path == PathFamily::Echoes).then(|| Echoes::draw(rng)),
-            elsewhere: (disturbance != DisturbanceFamily::Handling).then_some(elsewhere),
         }
     }
 }

@@ -22,12 +22,6 @@ const TESOLLO_DAMPING: (f64, f64) = (0.05, 0.2);
 /// pad. A jaw bends towards the object first, a jointed finger flexes along its length.
 const UMI_DIRECTION: [[f64; 3]; 4] = [[0.0, 0.4, 0.9], [0.9, 0.4, 0.0], [0.0, 0.9, 0.4], [0.6, 0.6, 0.6]];
 const TESOLLO_DIRECTION: [[f64; 3]; 4] = [[0.0, 0.8, 0.6], [0.8, 0.0, 0.6], [0.3, 0.5, 0.8], [0.7, 0.7, 0.0]];
-/// Scatter of a unit's directions about the main ones, as a share of their length.
-const DIRECTION_SCATTER: f64 = 0.5;
-/// Participation of a mode (shape at the pad squared over modal mass, relative to the finger's mass).
-const WEIGHT: (f64, f64) = (0.4, 1.2);
-/// Logarithmic spread of the vibration that reaches one unit's accelerometer.
-const COUPLING_SPREAD: f64 = 0.2;
 /// Exponent of a mode's frequency over grip force: a Hertz contact stiffens with F^(1/3), so a mode that
 /// it carries alone rises with F^(1/6), and one with a stiffening pad behind it faster.
 const GRIP_EXPONENT: (f64, f64) = (1.0 / 6.0, 1.0 / 3.0);
@@ -42,10 +36,7 @@ const GRASP_SPREAD: (f64, f64, f64) = (0.015, 0.08, 0.08);
 const FREE_DAMPING: f64 = 0.5;
 const DAMPED_FROM_N: f64 = 1.0;
 const CABLE_DAMPING: f64 = 1.4;
-/// Damping ratio of an object that rings, spread of its frequency, and how loud it rings: factor on the
-/// force along the slip and normal to it.
-const OBJECT_DAMPING: (f64, f64) = (0.005, 0.02);
-const OBJECT_SPREAD: f64 = 0.03;
+/// How loud an object rings: factor on the force along the slip and normal to it.
 const OBJECT_GAIN: [f64; 2] = [1.5, 3.0];
 
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -56,7 +47,8 @@ pub(crate) struct Mode {
     pub damping: f64,
     /// Unit vector of the motion in finger axes.
     pub direction: [f64; 3],
-    /// Acceleration above resonance per acceleration of the excitation.
+    /// Acceleration above resonance per acceleration of the excitation: participation (shape at the pad squared over
+    /// modal mass, relative to the finger's mass) times the share that reaches the unit's accelerometer.
     pub weight: f64,
 }
 
@@ -73,12 +65,12 @@ impl Modes {
             Platform::Umi => (UMI_HZ, UMI_DAMPING, UMI_DIRECTION),
             Platform::Tesollo => (TESOLLO_HZ, TESOLLO_DAMPING, TESOLLO_DIRECTION),
         };
-        let coupling = exp(COUPLING_SPREAD * rng.normal());
+        let coupling = exp(0.2 * rng.normal());
         let mode = |m: usize| Mode {
             hz: rng.log_between(hz[m].0, hz[m].1),
             damping: rng.log_uniform(damping),
-            direction: scattered(rng, direction[m], DIRECTION_SCATTER),
-            weight: coupling * rng.log_uniform(WEIGHT),
+            direction: scattered(rng, direction[m], 0.5),
+            weight: coupling * rng.log_between(0.4, 1.2),
         };
         Self { modes: (0..hz.len()).map(mode).collect(), grip_exponent: rng.uniform(GRIP_EXPONENT) }
     }
@@ -174,7 +166,7 @@ pub(crate) struct ObjectMode {
 impl ObjectMode {
     /// `hz` is the catalogue's; 0 for an object that does not ring.
     pub(crate) fn draw(rng: &mut Rng, hz: f64) -> Option<Self> {
-        let (spread, damping) = (exp(OBJECT_SPREAD * rng.normal()), rng.log_uniform(OBJECT_DAMPING));
+        let (spread, damping) = (exp(0.03 * rng.normal()), rng.log_between(0.005, 0.02));
         (hz > 0.0).then_some(Self { hz: hz * spread, damping })
     }
 }

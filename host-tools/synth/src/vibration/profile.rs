@@ -13,11 +13,8 @@ use crate::objects::Object;
 /// Points of the profile, which repeats after them, and their distance.
 const POINTS: usize = 1 << 15;
 const PITCH_MM: f64 = 1e-3;
-/// Waves that make it up, and the shortest in points.
+/// Waves that make it up; the shortest has four points.
 const WAVES: usize = 96;
-const SHORTEST: f64 = 4.0;
-const ROUGHNESS_EXPONENT: f64 = 0.5;
-const LEVEL_SPREAD: f64 = 0.6;
 
 #[derive(Serialize)]
 pub(super) struct Profile {
@@ -41,7 +38,7 @@ impl Profile {
         let mut slope = vec![0.0; POINTS];
         let drawn: Vec<(f64, f64)> = (0..WAVES)
             .map(|_| {
-                let turns = rng.log_between(1.0, POINTS as f64 / SHORTEST).round();
+                let turns = rng.log_between(1.0, POINTS as f64 / 4.0).round();
                 (turns, pow(turns, exponent))
             })
             .collect();
@@ -59,7 +56,7 @@ impl Profile {
             }
         }
         let rms = (slope.iter().map(|x| x * x).sum::<f64>() / POINTS as f64).sqrt().max(1e-12);
-        let level = pow(object.roughness_um, ROUGHNESS_EXPONENT) * exp(LEVEL_SPREAD * rng.normal());
+        let level = pow(object.roughness_um, 0.5) * exp(0.6 * rng.normal());
         Self {
             level_g: LEVEL_G * level,
             exponent,

@@ -8,9 +8,6 @@ use super::signal::{Harmonics, add_scaled, sin_turns};
 use crate::draw::{Draw, Rng};
 use crate::friction::STEP_HZ;
 
-/// Fundamental per mm of travel: 20–400 Hz at 10 mm/s. Screw lead and steps of the paper's rig are not
-/// published.
-const PER_MM: (f64, f64) = (2.0, 40.0);
 /// Lines of the comb; the k-th is 1/k as strong.
 const ORDERS: usize = 5;
 /// Below this speed the comb fades, mm/s.
@@ -24,20 +21,20 @@ const DIRECTION: [f64; 3] = [0.188, 0.941, 0.282];
 
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Rig {
+    /// Fundamental per mm of travel: 20–400 Hz at 10 mm/s. Screw lead and steps of the paper's rig are not published.
     pub per_mm: f64,
     /// Level at the accelerometer through the clamped object and through the table, g rms of the vector.
     pub object_g: f64,
     pub table_g: f64,
     pub comb: Harmonics,
-    /// Hum of the drive that holds at standstill, through the table: level, g rms, 0 of half of them, frequency, Hz, and
-    /// phase, turns.
+    /// Hum of the drive at standstill, through the table: level, g rms, 0 of half of them, frequency, Hz, phase, turns.
     pub hum: (f64, f64, f64),
 }
 
 impl Rig {
     pub(crate) fn draw(rng: &mut Rng) -> Self {
         Self {
-            per_mm: rng.log_uniform(PER_MM),
+            per_mm: rng.log_between(2.0, 40.0),
             object_g: rng.log_between(0.2e-3, 4e-3),
             table_g: rng.log_between(0.05e-3, 0.5e-3),
             comb: Harmonics::draw(rng, (1..=ORDERS).map(|k| 1.0 / k as f64)),
@@ -49,8 +46,7 @@ impl Rig {
         }
     }
 
-    /// Add to the acceleration at the part. The levels are those at the accelerometer, so the comb does
-    /// not pass the finger's modes once more.
+    /// Add to the acceleration at the part: the comb, at its level there, does not pass the finger's modes.
     pub(crate) fn add(&self, scene: &Scene<'_>, motion: &mut Motion) {
         if scene.hand_held {
             return;

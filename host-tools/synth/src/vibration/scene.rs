@@ -11,8 +11,7 @@ use crate::timeline::{Pulse, Timeline};
 
 pub(super) const TOUCHED_N: f64 = 0.05;
 
-/// What the interface of one finger does, as [`SlipState`](crate::friction::SlipState) says: [`STEP_HZ`] values per
-/// second.
+/// What one finger's interface does, as [`SlipState`](crate::friction::SlipState) says, at [`STEP_HZ`].
 #[derive(Clone, Default)]
 pub(crate) struct SlipSeries {
     pub speed_mm_s: Vec<f64>,
@@ -22,8 +21,7 @@ pub(crate) struct SlipSeries {
     pub grip_n: Vec<f64>,
 }
 
-/// What the vibration needs to know of a recording: what [`Recipe`](crate::Recipe) and
-/// [`Plan`](crate::scenario::Plan) have by these names.
+/// What the vibration needs of a recording's [`Recipe`](crate::Recipe) and [`Plan`](crate::scenario::Plan).
 pub(crate) struct Scene<'a> {
     pub platform: Platform,
     pub source: SourceFamily,
@@ -34,8 +32,7 @@ pub(crate) struct Scene<'a> {
     pub linked: bool,
     pub shared_table: bool,
     pub object: &'static Object,
-    /// Closing impacts, aftershocks of a release and clicks of the jaws are no pulses of it: they are made
-    /// from its series.
+    /// Its pulses lack closing impacts, aftershocks and clicks of the jaws, which are made from its series.
     pub timeline: &'a Timeline,
 }
 
@@ -99,8 +96,7 @@ impl Motion {
         self.g.iter_mut().enumerate().map(move |(n, g)| (clock.time(n), g))
     }
 
-    /// Half-sines, each averaged over the sample periods it covers, so that one shorter than a period has
-    /// its area too.
+    /// Half-sines, averaged over the sample periods they cover: one shorter than a period has its area too.
     pub(super) fn add_pulses(&mut self, pulses: &[Pulse], gain: f64) {
         let clock = self.clock;
         let half = 0.5 / clock.rate_hz;

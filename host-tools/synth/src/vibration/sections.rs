@@ -6,9 +6,6 @@ use super::scene::Motion;
 use super::signal::Biquad;
 use crate::draw::{Draw, Rng, dot};
 
-const SECTIONS: (usize, usize) = (2, 5);
-const CROSS_TALK: f64 = 0.5;
-
 #[derive(Clone, Serialize)]
 struct Section {
     hz: f64,
@@ -29,16 +26,14 @@ impl Sections {
     pub fn draw(rng: &mut Rng) -> Self {
         let level = rng.log_between(0.3, 2.0);
         let matrix = std::array::from_fn(|to| {
-            std::array::from_fn(|from| {
-                level * if to == from { 1.0 } else { CROSS_TALK * rng.between(-1.0, 1.0) }
-            })
+            std::array::from_fn(|from| level * if to == from { 1.0 } else { 0.5 * rng.between(-1.0, 1.0) })
         });
         let section = |rng: &mut Rng| Section {
             hz: rng.log_between(50.0, 3_600.0),
             damping: rng.log_between(0.02, 0.5),
             gain: rng.either_sign((0.3, 4.0)),
         };
-        let count = rng.count(SECTIONS.0, SECTIONS.1);
+        let count = rng.count(2, 5);
         let axes = std::array::from_fn(|_| (0..count).map(|_| section(rng)).collect());
         Self { matrix, axes, tilt: rng.between(-0.6, 1.5) }
     }

@@ -6,8 +6,7 @@ use std::f64::consts::TAU;
 
 use crate::draw::{Draw, Rng};
 
-/// `sin(2π · turns)` to within 4·10⁻⁶: thousands of them make a second of vibration, and additions and
-/// multiplications alone give the same bits everywhere.
+/// `sin(2π · turns)` to within 4·10⁻⁶: fast, and additions and multiplications give the same bits everywhere.
 pub(crate) fn sin_turns(turns: f64) -> f64 {
     let mut r = turns - turns as i64 as f64;
     if r > 0.5 {
@@ -55,8 +54,7 @@ impl Harmonics {
         Self { parts }
     }
 
-    /// Value where the fundamental is at `turns`; `gains` holds a factor on each harmonic, those beyond its
-    /// end are silent.
+    /// Value where the fundamental is at `turns`; `gains` are factors on the harmonics, silent beyond its end.
     pub(crate) fn at(&self, turns: f64, gains: &[f64]) -> f64 {
         let (c, s) = (cos_turns(turns), sin_turns(turns));
         let (mut ck, mut sk, mut sum) = (c, s, 0.0);

@@ -1,5 +1,4 @@
-//! The vibration of rubbing: asperity noise, texture lines and stick-slip pulses, as acceleration at the
-//! finger's root before its modes.
+//! The vibration of rubbing: asperity noise, texture lines and stick-slip pulses at the finger's root, before its modes.
 
 use libm::{exp, log, pow};
 use serde::Serialize;
@@ -18,14 +17,7 @@ pub(super) const LEVEL_G: f64 = 0.0186;
 /// Speed, force and roughness that the level is stated at.
 pub(super) const REFERENCE_MM_S: f64 = 10.0;
 pub(super) const REFERENCE_N: f64 = 2.0;
-/// Exponent p_v of the asperity amplitude over speed. Friction-noise experiments find 0.6 to 1.0, about
-/// 3/4, for levels; this is the lower part of the range, because the rms here rises faster than the
-/// amplitude: the roll-off moves up with speed, lets more noise through and moves it towards the modes.
-const SPEED_EXPONENT: (f64, f64) = (0.6, 0.75);
-/// Logarithmic spread of the level from surface to surface of the same roughness.
-const LEVEL_SPREAD: f64 = 0.2;
-/// Exponent β of texture lines, amplitude ∝ k^−β, and lines per wavelength.
-const LINE_EXPONENT: (f64, f64) = (1.0, 2.0);
+/// Texture lines per wavelength.
 const LINES: usize = 6;
 /// Lines fade out between these frequencies, Hz: the part's own filter stops them.
 const LINE_FADE_HZ: (f64, f64) = (3_200.0, 3_800.0);
@@ -37,8 +29,6 @@ const GROSS: f64 = 0.5;
 
 /// Rms of the pulses of an object of stick-slip 1, as a share of the asperity noise at the reference.
 const STICK_LEVEL: f64 = 0.5;
-/// Stiffness K in the period `T ≈ 2Δμ N / (K v)`, N/mm.
-const STICK_N_PER_MM: (f64, f64) = (2.0, 50.0);
 /// Highest pulse rate, Hz.
 const STICK_MAX_HZ: f64 = 2_200.0;
 const STICK_WIDTH_S: (f64, f64) = (0.2e-3, 2e-3);
@@ -76,6 +66,9 @@ pub(super) struct Stick {
 pub(crate) struct Surface {
     /// Vector rms of the excitation at the reference, g.
     pub level_g: f64,
+    /// p_v of the asperity amplitude. Friction-noise experiments find 0.6 to 1.0, about 3/4, for levels; this is the
+    /// lower part of the range, because the rms here rises faster than the amplitude: the roll-off moves up with speed,
+    /// lets more noise through and moves it towards the modes.
     pub speed_exponent: f64,
     pub force_exponent: f64,
     /// Wavelength λ_c of the asperity roll-off `f_c = v/λ_c`.
@@ -158,23 +151,25 @@ impl Surface {
         (stick_slip, slack): (f64, f64),
     ) -> Self {
         let roughness = pow(roughness_um, rng.between(0.6, 0.8));
-        let level_g = LEVEL_G * roughness * exp(LEVEL_SPREAD * rng.normal());
-        let exponent = rng.uniform(LINE_EXPONENT);
+        // Surfaces of the same roughness differ.
+        let level_g = LEVEL_G * roughness * exp(0.2 * rng.normal());
+        // The k-th line has an amplitude ∝ k^−β.
+        let exponent = rng.between(1.0, 2.0);
         let rms = 1.0 / (texture_mm.len() as f64).sqrt();
         let peaks = (1..=LINES).map(|k| pow(k as f64, -exponent));
         let lines: Vec<Line> = texture_mm
             .iter()
             .map(|&wavelength_mm| Line { wavelength_mm, rms, shape: Harmonics::draw(rng, peaks.clone()) })
             .collect();
-        let spacing_mm_per_n = 2.0 * slack / rng.log_uniform(STICK_N_PER_MM);
-        // A train of half-sines of mean peak m, exponentially spread, has a mean square of
-        // rate · m² · width: that fixes m.
+        // Stiffness K in the period `T ≈ 2Δμ N / (K v)`, N/mm.
+        let spacing_mm_per_n = 2.0 * slack / rng.log_between(2.0, 50.0);
+        // Half-sines of mean peak m, exponentially spread, have a mean square of rate · m² · width: that fixes m.
         let rate = (REFERENCE_MM_S / (spacing_mm_per_n * REFERENCE_N)).min(STICK_MAX_HZ);
         let width = (STICK_WIDTH_S.1 - STICK_WIDTH_S.0) / log(STICK_WIDTH_S.1 / STICK_WIDTH_S.0);
         let jitter = rng.between(0.2, 0.4);
         Self {
             level_g,
-            speed_exponent: rng.uniform(SPEED_EXPONENT),
+            speed_exponent: rng.between(0.6, 0.75),
             force_exponent: rng.between(0.2, 0.5),
             asperity_mm: rng.log_between(0.005, 0.05),
             line_share: if lines.is_empty() { 0.0 } else { line_share },
@@ -194,17 +189,13 @@ impl Surface {
         from_reference(self.level_g, (speed_mm_s, force_n), (self.speed_exponent, self.force_exponent))
     }
 
-    /// Asperity noise and texture lines, weighted by the share of the load that slides, into `force`
-    /// times `gain`.
+    /// Asperity noise and texture lines, by the share of the load that slides, into `force` times `gain`.
     pub(crate) fn add_rubbing(&self, rubbing: &SlipSeries, gain: f64, rng: &mut Rng, force: &mut Motion) {
         let rate_hz = force.clock.rate_hz;
         let audible = |i: usize| rubbing.fraction[i] > 1e-3 && rubbing.speed_mm_s[i] > SILENT_MM_S;
-        let level = |i: usize| {
-            if audible(i) {
-                gain * rubbing.fraction[i] * self.amplitude_g(rubbing.speed_mm_s[i], rubbing.grip_n[i])
-            } else {
-                0.0
-            }
+        let level = |i: usize| match audible(i) {
+            true => gain * rubbing.fraction[i] * self.amplitude_g(rubbing.speed_mm_s[i], rubbing.grip_n[i]),
+            false => 0.0,
         };
         let reference = blend_rms(blend(REFERENCE_MM_S / self.asperity_mm, XL_RATE_HZ as f64));
         let (noise_gain, line_gain) =

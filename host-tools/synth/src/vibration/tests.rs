@@ -5,13 +5,14 @@ mod surroundings;
 
 use super::signal::cos_turns;
 use super::*;
-use crate::check::{above_10_hz, largest, median, near, quantile, within};
+use crate::check::{above_10_hz, largest, median, near, power_at, quantile, within};
 use crate::draw::{Stream, stream};
+use crate::families::Families;
 use crate::friction::STEP_HZ;
 use crate::objects::{Kind, Object, named};
 use crate::recipe::Platform;
 use crate::timeline::{Pulse, Timeline};
-use libm::{cos, exp, log, sin, sincos};
+use libm::{cos, log, sin};
 use std::f64::consts::TAU;
 
 const RATE_HZ: f64 = 8_000.0;
@@ -92,26 +93,12 @@ fn rms_above_10_hz(g: &[[f64; 3]]) -> f64 {
     rms(&above_10_hz(g.iter().copied())[800..])
 }
 
-fn power_at(g: &[[f64; 3]], hz: f64) -> f64 {
-    let (sin_step, cos_step) = sincos(TAU * hz / RATE_HZ);
-    let (mut c, mut s) = (1.0, 0.0);
-    let mut sums = [[0.0; 2]; 3];
-    for x in g {
-        for (sum, x) in sums.iter_mut().zip(x) {
-            *sum = [sum[0] + x * c, sum[1] + x * s];
-        }
-        (c, s) = (c * cos_step - s * sin_step, s * cos_step + c * sin_step);
-    }
-    sums.iter().flatten().map(|x| x * x).sum()
-}
-
-/// Slope of a least-squares line through the logarithms.
+/// Slope of a least-squares line.
 fn slope(points: &[(f64, f64)]) -> f64 {
     let n = points.len() as f64;
-    let logs: Vec<(f64, f64)> = points.iter().map(|(x, y)| (log(*x), log(*y))).collect();
-    let (mx, my) = (logs.iter().map(|p| p.0).sum::<f64>() / n, logs.iter().map(|p| p.1).sum::<f64>() / n);
-    logs.iter().map(|(x, y)| (x - mx) * (y - my)).sum::<f64>()
-        / logs.iter().map(|(x, _)| (x - mx) * (x - mx)).sum::<f64>()
+    let (mx, my) = (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
+    points.iter().map(|(x, y)| (x - mx) * (y - my)).sum::<f64>()
+        / points.iter().map(|(x, _)| (x - mx) * (x - mx)).sum::<f64>()
 }
 
 #[test]

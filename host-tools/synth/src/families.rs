@@ -174,15 +174,10 @@ pub enum Stage {
 }
 
 impl Stage {
-    pub const ALL: [Self; 7] = [
-        Self::Contact,
-        Self::Friction,
-        Self::Film,
-        Self::Source,
-        Self::Path,
-        Self::Disturbance,
-        Self::Sensor,
-    ];
+    pub const ALL: [Self; 7] = {
+        use Stage::*;
+        [Contact, Friction, Film, Source, Path, Disturbance, Sensor]
+    };
 }
 
 impl Families {

@@ -40,8 +40,7 @@ impl ScenarioChoice {
 }
 
 /// Scenarios with their weights: how many recordings in a round are of each (not how much of the time).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Mix(pub &'static [(ScenarioChoice, usize)]);
+pub(crate) type Mix = &'static [(ScenarioChoice, usize)];
 
 /// The paper's protocol on the rig: six steps, its three controls, and two more that it lacks (pulls on a
 /// firm grip and a rig that moves for nothing), without which the rig's vibration alone would predict slip. The
@@ -49,14 +48,14 @@ pub(crate) struct Mix(pub &'static [(ScenarioChoice, usize)]);
 /// that no contact stays the likeliest class at any time of a recording and whether or not the crosshead
 /// moves. [`ScenarioChoice::Random`] draws from it, and the splits take turns through it.
 pub(crate) const PROTOCOL: Mix =
-    Mix(&[(SixStep, 80), (Empty, 6), (Unlinked, 4), (FreeGrasp, 3), (FirmGrip, 4), (RigMotion, 3)]);
+    &[(SixStep, 80), (Empty, 6), (Unlinked, 4), (FreeGrasp, 3), (FirmGrip, 4), (RigMotion, 3)];
 
 /// Away from the rig: pulls by hand in all directions, twists about the pad's normal, and grasps that do not
 /// slip. The split `free` takes turns through it.
-pub(crate) const FREE: Mix = Mix(&[(FreePull, 5), (Rotation, 4), (FreeGrasp, 1)]);
+pub(crate) const FREE: Mix = &[(FreePull, 5), (Rotation, 4), (FreeGrasp, 1)];
 
 /// Everything that a hand, an arm or a rig does with an object: for families of physics beside the laboratory's.
-pub(crate) const ANYWHERE: Mix = Mix(&[
+pub(crate) const ANYWHERE: Mix = &[
     (SixStep, 5),
     (FreePull, 6),
     (Rotation, 4),
@@ -64,21 +63,19 @@ pub(crate) const ANYWHERE: Mix = Mix(&[
     (FirmGrip, 1),
     (Unlinked, 1),
     (RigMotion, 1),
-]);
+];
 
-impl Mix {
-    /// The scenario at position `x` of the cumulated weights, 0 to 1.
-    pub(crate) fn at(&self, x: f64) -> ScenarioChoice {
-        let total: usize = self.0.iter().map(|s| s.1).sum();
-        let mut left = x * total as f64;
-        for &(scenario, weight) in self.0 {
-            left -= weight as f64;
-            if left < 0.0 {
-                return scenario;
-            }
+/// The scenario at position `x` of the cumulated weights, 0 to 1.
+pub(crate) fn scenario_at(mix: Mix, x: f64) -> ScenarioChoice {
+    let total: usize = mix.iter().map(|s| s.1).sum();
+    let mut left = x * total as f64;
+    for &(scenario, weight) in mix {
+        left -= weight as f64;
+        if left < 0.0 {
+            return scenario;
         }
-        self.0[self.0.len() - 1].0
     }
+    mix[mix.len() - 1].0
 }
 
 #[cfg(test)]
@@ -88,9 +85,9 @@ mod tests {
     #[test]
     fn every_scenario_is_drawn_as_often_as_it_weighs() {
         for mix in [PROTOCOL, FREE, ANYWHERE] {
-            let total: usize = mix.0.iter().map(|s| s.1).sum();
-            for &(scenario, weight) in mix.0 {
-                let drawn = (0..10_000).filter(|&i| mix.at(i as f64 / 1e4) == scenario).count();
+            let total: usize = mix.iter().map(|s| s.1).sum();
+            for &(scenario, weight) in mix {
+                let drawn = (0..10_000).filter(|&i| scenario_at(mix, i as f64 / 1e4) == scenario).count();
                 let share = weight as f64 / total as f64;
                 assert!((drawn as f64 / 1e4 - share).abs() < 1e-3, "{scenario:?}: {drawn} of 10000");
             }

@@ -11,7 +11,7 @@ use std::sync::{LazyLock, Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 
-pub use check::{ObjectError, PAD_LENGTH_MM, PAD_WIDTH_MM};
+pub use check::{PAD_LENGTH_MM, PAD_WIDTH_MM};
 pub use shape::{Form, Relief, Shape};
 
 /// What sort of thing it is; the held-out group has at least two of each.
@@ -70,8 +70,7 @@ impl Surface {
         }
     }
 
-    /// Tangential stiffness per area, kPa/mm: G / depth with G = E / 3 (rubber-like, Poisson's ratio near
-    /// one half).
+    /// Tangential stiffness per area, kPa/mm: G / depth with G = E / 3 (Poisson's ratio near one half).
     pub fn tangential_kpa_per_mm(&self) -> f64 {
         self.normal_kpa_per_mm() / 3.0
     }
@@ -145,9 +144,8 @@ pub fn named(name: &str) -> Option<&'static Object> {
     CATALOGUE.iter().find(|o| o.name == name)
 }
 
-/// This object for as long as the program runs. Objects of the catalogue live that long, and everything
-/// that grips one relies on it; one that a recipe brings is leaked to be treated alike. Equal objects are
-/// leaked once, so a set of many episodes of one object costs no more memory than one episode.
+/// This object for as long as the program runs, as everything that grips one of the catalogue relies on: leaked, equal
+/// ones once, so that a set of many episodes of one object costs no more memory than one episode.
 pub(crate) fn keep(object: &Object) -> &'static Object {
     static KEPT: Mutex<Vec<&'static Object>> = Mutex::new(Vec::new());
     // Nothing panics between lock and push, and a list without the last one is still right.
@@ -158,12 +156,6 @@ pub(crate) fn keep(object: &Object) -> &'static Object {
     let object: &'static Object = Box::leak(Box::new(object.clone()));
     kept.push(object);
     object
-}
-
-/// The 28 objects that training may draw on, those kept for validation among them (`false`), or the 9 held
-/// out (`true`), in the order of the catalogue.
-pub fn group(held_out: bool) -> impl Iterator<Item = &'static Object> {
-    CATALOGUE.iter().filter(move |o| o.held_out() == held_out)
 }
 
 /// The objects of exactly this group, in the order of the catalogue.

@@ -5,7 +5,7 @@ use slipsense::params::MAX_SENSORS;
 
 use crate::draw::{Draw, Span, Stream, stream};
 use crate::families::{FAMILIES, Families, Family, SourceFamily, Stage};
-use crate::mix::{PROTOCOL, ScenarioChoice};
+use crate::mix::{PROTOCOL, ScenarioChoice, scenario_at};
 use crate::objects::{self, Group, Object, PAD_LENGTH_MM, PAD_WIDTH_MM, Shape};
 use crate::scenario::levels::{GRIP_N, HAND_HELD_SLIPS};
 
@@ -117,8 +117,7 @@ pub enum Region {
 pub enum VibrationContent {
     #[default]
     All,
-    /// The crosshead's drive and the parts' own noise, nothing else: for the detector that shows
-    /// whether the rig gives slip away.
+    /// The crosshead's drive and the parts' own noise: for the detector that shows whether the rig gives slip away.
     RigOnly,
 }
 
@@ -238,7 +237,8 @@ impl Recipe {
             let holds = value.is_none_or(|x| (low..=high).contains(&x));
             rule(holds, field, value.unwrap_or_default(), &format!("must be {low} to {high}"))
         };
-        let (sensors, most) = (self.sensors, self.platform.most_sensors());
+        let sensors = self.sensors;
+        let most = if self.platform == Platform::Umi { 2 } else { 3 };
         rule((1..=MAX_SENSORS).contains(&sensors), "sensors", sensors as f64, "must be 1 to 3")?;
         let platform = format!("but platform {} has at most {most}", self.platform.name());
         rule(sensors <= most, "sensors", sensors as f64, &platform)?;
@@ -286,7 +286,7 @@ impl Recipe {
             ObjectChoice::Own(object) => objects::keep(object),
         };
         let scenario = match self.scenario {
-            ScenarioChoice::Random => PROTOCOL.at(dice),
+            ScenarioChoice::Random => scenario_at(PROTOCOL, dice),
             named => named,
         };
         let speed_mm_s = self.speed_mm_s.unwrap_or(SPEEDS_MM_S[speed]);
@@ -300,14 +300,6 @@ impl Platform {
         match self {
             Self::Umi => "umi",
             Self::Tesollo => "tesollo",
-        }
-    }
-
-    /// Fingers that may be instrumented.
-    pub const fn most_sensors(self) -> usize {
-        match self {
-            Self::Umi => 2,
-            Self::Tesollo => 3,
         }
     }
 }

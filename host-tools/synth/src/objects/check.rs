@@ -9,31 +9,19 @@ pub const PAD_WIDTH_MM: f64 = COL_PITCH_MM as f64 * TAXEL_COLS as f64;
 /// The pad along the finger: rows times their pitch, 29.44 mm.
 pub const PAD_LENGTH_MM: f64 = ROW_PITCH_MM as f64 * TAXEL_ROWS as f64;
 
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("object \"{object}\": {field} is {value}, must be {rule}")]
-pub struct ObjectError {
-    pub object: String,
-    pub field: &'static str,
-    pub value: f64,
-    pub rule: &'static str,
-}
-
-/// Smallest face that cannot lie between two taxels (0.7 × 0.92 mm).
-const FELT_MM: f64 = 1.0;
-
 impl Object {
     /// Refuse what cannot be: sizes, friction, roughness and wavelengths that are negative or not numbers,
     /// kinetic friction above static, and a face wider across its axis than the pad. A face may be longer
     /// than the pad (a cable runs over both ends), but what overhangs on both sides is borne by nothing that
     /// the model has.
     ///
-    /// Refuse as well what the model has no answer to: a face that fits between two taxels is not felt, and
-    /// what is too sticky or too soft follows the whole pull without slipping, though the encoder's rule
-    /// would label slip.
-    pub fn check(&self) -> Result<(), ObjectError> {
-        let rule = |field, value: f64, holds: bool, rule| match holds {
+    /// Refuse as well what the model has no answer to: a face that fits between two taxels (0.7 × 0.92 mm) is
+    /// not felt, and what is too sticky or too soft follows the whole pull without slipping, though the encoder's
+    /// rule would label slip.
+    pub fn check(&self) -> Result<(), String> {
+        let rule = |field: &str, value: f64, holds: bool, rule: &str| match holds {
             true => Ok(()),
-            false => Err(ObjectError { object: self.name.clone(), field, value, rule }),
+            false => Err(format!("object \"{}\": {field} is {value}, must be {rule}", self.name)),
         };
         let positive = |field, x: f64| rule(field, x, x > 0.0 && x.is_finite(), "a finite number above 0");
         let share = |field, x: f64| rule(field, x, (0.0..=1.0).contains(&x), "0 to 1");
@@ -54,7 +42,7 @@ impl Object {
         let [across, along] = self.shape.extent_mm();
         rule("shape (width across its axis)", across, across <= PAD_WIDTH_MM, "at most the pad's 22.4 mm")?;
         let smallest = across.min(along);
-        rule("shape (smallest width)", smallest, smallest >= FELT_MM, "at least 1 mm, about a taxel")?;
+        rule("shape (smallest width)", smallest, smallest >= 1.0, "at least 1 mm, about a taxel")?;
         match self.surface {
             Surface::Hard => {}
             Surface::Elastic { modulus_mpa, depth_mm } => {

@@ -1,10 +1,14 @@
-//! The catalogue: what it holds, that its values are those of the materials, and that what cannot be is
-//! refused.
+//! The catalogue: what it holds, that its values are those of the materials; what cannot be is refused.
 
 use std::collections::BTreeSet;
 
 use super::*;
 use crate::check::{largest, near, within};
+
+/// The 28 objects that training may draw on, those kept for validation among them, or the 9 held out.
+fn group(held_out: bool) -> impl Iterator<Item = &'static Object> {
+    CATALOGUE.iter().filter(move |o| o.held_out() == held_out)
+}
 
 fn forms(held_out: bool) -> BTreeSet<String> {
     group(held_out).filter_map(|o| o.relief).map(|r| format!("{:?}", r.form)).collect()
@@ -77,10 +81,18 @@ fn gents_formula_gives_the_moduli_of_the_shore_blocks() {
     }
 }
 
+const fn ball(radius_mm: f64) -> Shape {
+    Shape::Sphere { radius_mm }
+}
+
+const fn flat(edge_mm: f64) -> Shape {
+    Shape::Flat { width_mm: 1.0, length_mm: 30.0, edge_mm }
+}
+
 #[test]
 fn what_cannot_be_is_refused_by_field() {
     type Change = fn(&mut Object);
-    let cases: [(Change, &str); 16] = [
+    let cases: [(Change, &str); 17] = [
         (|o| o.mu_static = 0.0, "mu_static is 0, must be a finite number above 0"),
         (|o| o.mu_static = 50.0, "mu_static is 50, must be at most 3"),
         (|o| o.mu_static = f64::NAN, "mu_static is NaN, must be a finite number above 0"),
@@ -92,18 +104,10 @@ fn what_cannot_be_is_refused_by_field() {
         (|o| o.texture_mm = vec![-0.5], "texture_mm is -0.5, must be 0.05 to 2"),
         (|o| o.mass_g = f64::INFINITY, "mass_g is inf, must be a finite number above 0"),
         (|o| o.mass_g = -3.0, "mass_g is -3, must be a finite number above 0"),
-        (
-            |o| o.shape = Shape::Sphere { radius_mm: 0.0 },
-            "shape.radius_mm is 0, must be a finite number above 0",
-        ),
-        (
-            |o| o.shape = Shape::Sphere { radius_mm: 12.0 },
-            "shape (width across its axis) is 24, must be at most the pad's 22.4 mm",
-        ),
-        (
-            |o| o.shape = Shape::Sphere { radius_mm: 0.1 },
-            "shape (smallest width) is 0.2, must be at least 1 mm, about a taxel",
-        ),
+        (|o| o.shape = ball(0.0), "shape.radius_mm is 0, must be a finite number above 0"),
+        (|o| o.shape = ball(12.0), "shape (width across its axis) is 24, must be at most the pad's 22.4 mm"),
+        (|o| o.shape = ball(0.1), "shape (smallest width) is 0.2, must be at least 1 mm, about a taxel"),
+        (|o| o.shape = flat(0.8), "shape.edge_mm is 0.8, must be at most half the width and half the length"),
         (
             |o| o.surface = Surface::Rubber { shore_a: 100.0, depth_mm: 1.0 },
             "surface.shore_a is 100, must be 10 to 98, where Gent's formula holds",
@@ -116,10 +120,7 @@ fn what_cannot_be_is_refused_by_field() {
     for (change, rule) in cases {
         let mut object = named("usb-a-plug").unwrap().clone();
         change(&mut object);
-        let error = object.check().unwrap_err().to_string();
+        let error = object.check().unwrap_err();
         assert_eq!(error, format!("object \"usb-a-plug\": {rule}"));
     }
-    let mut object = named("usb-a-plug").unwrap().clone();
-    object.shape = Shape::Flat { width_mm: 1.0, length_mm: 30.0, edge_mm: 0.8 };
-    assert_eq!(object.check().unwrap_err().field, "shape.edge_mm");
 }

@@ -25,13 +25,10 @@ impl Object {
         let mut times = |spread: f64| exp(spread * rng.normal().clamp(-2.5, 2.5));
         let mut object = Self { name: format!("{}-varied-{seed}", self.name), ..self.clone() };
         match &mut object.shape {
-            Shape::Cylinder { radius_mm, length_mm } => {
-                *radius_mm *= times(SIZES);
-                *length_mm *= times(SIZES);
-            }
             Shape::Sphere { radius_mm } => *radius_mm *= times(SIZES),
-            Shape::Flat { width_mm, length_mm, .. } => {
-                *width_mm *= times(SIZES);
+            Shape::Cylinder { radius_mm: across_mm, length_mm }
+            | Shape::Flat { width_mm: across_mm, length_mm, .. } => {
+                *across_mm *= times(SIZES);
                 *length_mm *= times(SIZES);
             }
         }

@@ -15,13 +15,8 @@ const NOSLIP_SECONDS: f64 = 60.0;
 const HANDS: [(Platform, usize); 4] =
     [(Platform::Umi, 2), (Platform::Tesollo, 2), (Platform::Umi, 2), (Platform::Tesollo, 3)];
 
-/// Every fourth pull of `free` goes the rig's way, by hand: what a hand alone changes stands beside what
-/// the direction changes.
+/// Every fourth pull of `free` goes the rig's way, to tell what a hand changes from what the direction changes.
 const VERTICAL_EVERY: usize = 4;
-/// Other directions of pulls in `free`, and the angle from each to the next, degrees: the full circle but
-/// the rig's direction.
-const OTHER_DIRECTIONS: usize = 11;
-const DIRECTION_STEP_DEG: f64 = 30.0;
 
 /// Seed of one episode: the first 53 bits of the SHA-256 of `slipsense/SPLIT/SEED/INDEX`, all in
 /// decimal. Sets of other splits or seeds share no draws, and JSON carries 53 bits everywhere. Episodes of
@@ -63,9 +58,9 @@ fn pull_angle_deg(j: usize, objects: usize, object_schedules: usize) -> f64 {
         return 0.0;
     }
     let other = (j - j / VERTICAL_EVERY) * object_schedules + objects;
-    // Four steps at a time, so that neighbours in time are not neighbours in direction.
-    let step = 1 + (4 * other) % OTHER_DIRECTIONS;
-    let angle_deg = DIRECTION_STEP_DEG * step as f64;
+    // Eleven directions, the full circle but the rig's: four steps of 30° at a time, so that neighbours in time are not
+    // neighbours in direction.
+    let angle_deg = 30.0 * (1 + (4 * other) % 11) as f64;
     if angle_deg > 180.0 { angle_deg - 360.0 } else { angle_deg }
 }
 
@@ -105,7 +100,6 @@ fn mix(split: Split) -> Mix {
 
 /// What happens, and how many times it happened before, for each place in one round of a mix.
 fn round(mix: Mix) -> Vec<(usize, usize)> {
-    let mix = mix.0;
     let length: usize = mix.iter().map(|(_, weight)| weight).sum();
     let mut made = vec![0; mix.len()];
     (1..=length)
@@ -125,8 +119,6 @@ pub(crate) struct Schedule {
     round: Vec<(usize, usize)>,
     /// `[kind of event][group of objects that take turns]`; one of each for `noslip`.
     object_schedules: Vec<Vec<ObjectSchedule>>,
-    /// The two courses that `umi_quiet` repeats.
-    pair: Vec<Self>,
 }
 
 impl Schedule {
@@ -154,30 +146,26 @@ impl Schedule {
         };
         let object_schedules =
             |kind| groups.iter().enumerate().map(|(turn, group)| objects(kind, turn, group)).collect();
-        let pair = match split {
-            Split::UmiQuiet => vec![Self::new(Split::UmiId, seed), Self::new(Split::UmiOod, seed)],
-            _ => Vec::new(),
-        };
         let mix = mix(split);
         Self {
             split,
             seed,
             round: round(mix),
-            object_schedules: (0..mix.0.len()).map(object_schedules).collect(),
-            pair,
+            object_schedules: (0..mix.len()).map(object_schedules).collect(),
         }
     }
 
     pub(crate) fn recipe(&self, index: usize) -> Recipe {
         if self.split == Split::UmiQuiet {
-            return Recipe { rig_leak: false, ..self.pair[index % 2].recipe(index / 2) };
+            let repeated = Self::new([Split::UmiId, Split::UmiOod][index % 2], self.seed);
+            return Recipe { rig_leak: false, ..repeated.recipe(index / 2) };
         }
         let recipe = Recipe::new(episode_seed(self.split, self.seed, index));
         if matches!(self.split, Split::Noslip | Split::TransferNoslip) {
-            return in_families(self.split, self.noslip(recipe, index));
+            return in_families(self.split, noslip(recipe, &self.object_schedules[0][0], index));
         }
         let (kind, before) = self.round[index % self.round.len()];
-        let (scenario, weight) = mix(self.split).0[kind];
+        let (scenario, weight) = mix(self.split)[kind];
         let j = index / self.round.len() * weight + before;
         let object_schedules = &self.object_schedules[kind];
         let (turn, j) = (j % object_schedules.len(), j / object_schedules.len());
@@ -203,18 +191,18 @@ impl Schedule {
         };
         in_families(self.split, recipe)
     }
+}
 
-    fn noslip(&self, recipe: Recipe, index: usize) -> Recipe {
-        let objects = &self.object_schedules[0][0];
-        let (platform, sensors) = HANDS[second_turn(index, objects.objects.len(), HANDS.len())];
-        Recipe {
-            object: objects.object(index),
-            scenario: ScenarioChoice::Disturbances,
-            platform,
-            sensors,
-            seconds: Some(NOSLIP_SECONDS),
-            ..recipe
-        }
+/// A minute of disturbances: objects and hands take turns.
+fn noslip(recipe: Recipe, objects: &ObjectSchedule, turn: usize) -> Recipe {
+    let (platform, sensors) = HANDS[second_turn(turn, objects.objects.len(), HANDS.len())];
+    Recipe {
+        object: objects.object(turn),
+        scenario: ScenarioChoice::Disturbances,
+        platform,
+        sensors,
+        seconds: Some(NOSLIP_SECONDS),
+        ..recipe
     }
 }
 
@@ -226,18 +214,11 @@ impl Schedule {
 pub fn tuning_disturbances(episodes: usize) -> Vec<(String, Recipe)> {
     let objects = ObjectSchedule::shuffled(&[Group::Val], hashed("slipsense/tuning/order"));
     let recipe = |index: usize| {
-        let turn = index / 2;
-        let recipe = Recipe {
-            object: objects.object(turn),
-            scenario: ScenarioChoice::Disturbances,
-            seconds: Some(NOSLIP_SECONDS),
-            ..Recipe::new(hashed(&format!("slipsense/tuning/{index}")))
-        };
-        if index.is_multiple_of(2) {
-            return recipe;
+        let recipe = noslip(Recipe::new(hashed(&format!("slipsense/tuning/{index}"))), &objects, index / 2);
+        match index % 2 {
+            0 => Recipe { platform: Platform::Umi, sensors: 2, ..recipe },
+            _ => in_families(Split::ValAnywhere, recipe),
         }
-        let (platform, sensors) = HANDS[second_turn(turn, objects.objects.len(), HANDS.len())];
-        in_families(Split::ValAnywhere, Recipe { platform, sensors, ..recipe })
     };
     let recipes = vary_two_of_three((0..episodes).map(recipe)).expect("valid recipes");
     (0..).map(|index| format!("tuning-{index:05}")).zip(recipes).collect()

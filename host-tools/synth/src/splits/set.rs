@@ -1,6 +1,5 @@
 //! A set of episodes before it is made, and the text that describes it.
 
-use rayon::prelude::*;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -11,9 +10,6 @@ use crate::recipe::Recipe;
 
 /// Version of the text of set descriptions and manifests.
 pub const FORMAT: u32 = 1;
-
-/// Recipes planned at a time: enough to share among cores, few to plan in vain at the end.
-const BLOCK: usize = 16;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -63,20 +59,13 @@ impl EpisodeSet {
     /// Add episodes as long as `more` says so of the episodes and frames there are.
     fn extend(&mut self, more: impl Fn(usize, usize) -> bool) {
         let schedule = Schedule::new(self.split, self.seed);
-        let mut frames = 0;
-        loop {
-            let start = self.episodes.len();
-            let block: Vec<_> = (start..start + BLOCK)
-                .into_par_iter()
-                .map(|index| planned(self.split, index, schedule.recipe(index)))
-                .collect();
-            for episode in block {
-                if !more(self.episodes.len(), frames) {
-                    return;
-                }
-                frames += episode.frames;
-                self.episodes.push(episode);
-            }
+        let mut made = 0;
+        while more(self.episodes.len(), made) {
+            let index = self.episodes.len();
+            let recipe = schedule.recipe(index);
+            let frames = plan_frames(&recipe).expect("what a schedule makes can be generated");
+            self.episodes.push(PlannedEpisode { name: name(self.split, index), frames, recipe });
+            made += frames;
         }
     }
 
@@ -117,11 +106,6 @@ impl EpisodeSet {
             })
             .or_else(|| differs("number of episodes", &self.episodes.len(), &other.episodes.len()))
     }
-}
-
-fn planned(split: Split, index: usize, recipe: Recipe) -> PlannedEpisode {
-    let frames = plan_frames(&recipe).expect("what a schedule makes can be generated");
-    PlannedEpisode { name: name(split, index), frames, recipe }
 }
 
 fn name(split: Split, index: usize) -> String {

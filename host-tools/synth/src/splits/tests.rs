@@ -1,5 +1,4 @@
-//! Which episodes make a set: proportions, balance, groups of objects, and that nothing but split, seed
-//! and frames decides.
+//! Which episodes make a set: proportions, balance, groups of objects; split, seed and frames alone decide.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,7 +8,7 @@ use crate::check::within;
 use crate::draw::{Stream, stream};
 use crate::families::Stage;
 use crate::mix::{PROTOCOL, ScenarioChoice};
-use crate::objects::{self, Group};
+use crate::objects::{self, Group, of_group};
 use crate::recipe::{ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S};
 use crate::scenario::script::{PhaseKind, Script};
 use crate::{generate, generate_set, plan_frames};
@@ -53,10 +52,10 @@ fn slips(recipes: &[Recipe]) -> Vec<&Recipe> {
 
 #[test]
 fn small_sets_have_the_mix_too() {
-    let weights: usize = PROTOCOL.0.iter().map(|(_, weight)| weight).sum();
+    let weights: usize = PROTOCOL.iter().map(|(_, weight)| weight).sum();
     let all = first(Split::Train, 5, 60);
     for length in [10, 20, 33, 60] {
-        for &(scenario, weight) in PROTOCOL.0 {
+        for &(scenario, weight) in PROTOCOL {
             let count = all[..length].iter().filter(|recipe| recipe.scenario == scenario).count() as f64;
             let must = (length * weight) as f64 / weights as f64;
             within(format!("{scenario:?} of {length} episodes, proportion {must}"), count - must, -1.0..1.0);
@@ -68,7 +67,7 @@ fn small_sets_have_the_mix_too() {
 #[test]
 fn tuning_sees_nothing_of_a_test() {
     let tuning: Vec<Recipe> = tuning_disturbances(80).into_iter().map(|(_, recipe)| recipe).collect();
-    assert_eq!(objects_of(&tuning), names(objects::of_group(Group::Val)));
+    assert_eq!(objects_of(&tuning), names(of_group(Group::Val)));
     assert!(tuning.iter().all(|recipe| recipe.scenario == ScenarioChoice::Disturbances));
     let seeds: BTreeSet<u64> = tuning.iter().map(|recipe| recipe.seed).collect();
     assert_eq!(seeds.len(), tuning.len());
@@ -96,7 +95,6 @@ fn speeds_and_objects_take_turns() {
         let slips = slips(&recipes);
         let speeds = counts(slips.iter().map(|recipe| recipe.speed_mm_s.unwrap() as u32));
         let per_object = counts(slips.iter().map(|recipe| object(recipe)));
-        println!("{split}: {} slips; by speed {speeds:?}; by object {per_object:?}", slips.len());
         assert_eq!(speeds.len(), SPEEDS_MM_S.len(), "{split}");
         assert!(spread(&speeds) <= 2, "{split}: {speeds:?}");
         assert!(split == Split::Tesollo2 || spread(&per_object) <= 1, "{split}: {per_object:?}");
@@ -105,8 +103,7 @@ fn speeds_and_objects_take_turns() {
     let recipes = first(Split::UmiOod, 9, 100);
     let slips = slips(&recipes);
     let pairs: BTreeSet<_> = slips.iter().map(|r| (object(r), r.speed_mm_s.unwrap() as u32)).collect();
-    let must = objects::group(true).count() * SPEEDS_MM_S.len();
-    println!("umi_ood: {} of {must} pairs of object and speed in {} slips", pairs.len(), slips.len());
+    let must = of_group(Group::HeldOut).count() * SPEEDS_MM_S.len();
     assert_eq!(pairs.len(), must.min(slips.len()));
 }
 
@@ -114,7 +111,7 @@ fn speeds_and_objects_take_turns() {
 fn groups_of_objects_do_not_mix() {
     let all = BTreeMap::from(Split::ALL.map(|split| (split, first(split, 0, 120))));
     let get = |split| objects_of(&all[&split]);
-    let held_out: BTreeSet<_> = names(objects::group(true));
+    let held_out: BTreeSet<_> = names(of_group(Group::HeldOut));
     let (train, val) = (get(Split::Train), get(Split::Val));
     assert_eq!(train, get(Split::UmiId), "new grasps of the same objects");
     assert!(train.is_disjoint(&val) && train.is_disjoint(&held_out) && val.is_disjoint(&held_out));
@@ -172,7 +169,7 @@ fn the_free_split_pulls_all_ways_and_twists() {
     let of = |scenario| recipes.iter().filter(|recipe| recipe.scenario == scenario).count();
     use ScenarioChoice::{FreeGrasp, FreePull, Rotation};
     assert_eq!([FreePull, Rotation, FreeGrasp].map(of), [40, 32, 8]);
-    let held_out: BTreeSet<_> = names(objects::group(true));
+    let held_out: BTreeSet<_> = names(of_group(Group::HeldOut));
     let unseen = recipes.iter().filter(|recipe| held_out.contains(object(recipe))).count();
     assert_eq!(unseen, 40, "half the time");
     assert!(recipes.iter().all(|r| r.pull_angle_deg.is_some() == (r.scenario == ScenarioChoice::FreePull)));
@@ -182,7 +179,6 @@ fn the_free_split_pulls_all_ways_and_twists() {
         assert_eq!(vertical, 5, "the rig's way by hand, held out: {of_held_out}");
     }
     let angles = counts(recipes.iter().filter_map(|recipe| recipe.pull_angle_deg).map(|deg| deg as i32));
-    println!("pulls by angle from the rig's direction: {angles:?}");
     let all: BTreeSet<i32> = (-5..=6).map(|step| 30 * step).collect();
     assert_eq!(angles.keys().copied().collect::<BTreeSet<_>>(), all);
     let others: BTreeSet<usize> = angles.iter().filter(|(deg, _)| **deg != 0).map(|(_, n)| *n).collect();
@@ -209,12 +205,10 @@ fn no_two_episodes_share_a_seed() {
             seen.extend(seeds);
         }
     }
-    println!("{} seeds of {total} episodes in 24 sets", seen.len());
     assert_eq!(seen.len(), total);
 }
 
-/// The seed's definition, worked out by `printf slipsense/umi_ood/3/41 | sha256sum`: the first 16 digits,
-/// without their last 11 bits.
+/// By `printf slipsense/umi_ood/3/41 | sha256sum`: the first 16 digits without their last 11 bits.
 #[test]
 fn seeds_follow_the_written_rule() {
     assert_eq!(episode_seed(Split::UmiOod, 3, 41), 0xc366_8284_ab7d_911f >> 11);
@@ -238,9 +232,6 @@ fn frames_decide_where_a_set_ends_and_a_larger_set_begins_with_the_smaller() {
 fn the_paper_sized_set() {
     let sets = paper_set(0, PAPER_FRAMES);
     let total: usize = sets.iter().map(EpisodeSet::total_frames).sum();
-    for set in &sets {
-        println!("{:>8}: {} episodes, {} frames", set.split, set.episodes.len(), set.total_frames());
-    }
     assert_eq!(sets[0].split, Split::Train);
     within("share of train", sets[0].total_frames() as f64 / total as f64, 0.25..);
     let last = sets[0].episodes.last().unwrap().frames;
@@ -361,8 +352,6 @@ fn a_sample_has_the_frozen_content() {
         splits.insert(*split) | kinds.insert(kind)
     });
     assert_eq!(splits.len(), Split::ALL.len() - 2);
-    let names: Vec<&str> = episodes.iter().map(|(_, episode)| episode.name.as_str()).collect();
-    println!("{names:?}: {} frames", episodes.iter().map(|(_, episode)| episode.frames).sum::<usize>());
     let recipes: Vec<_> = episodes.iter().map(|(_, episode)| episode.recipe.clone()).collect();
     let made = generate_set(&recipes, |_, episode| (episode.frames(), content_hash(&episode))).unwrap();
     for ((_, frozen), (frames, hash)) in episodes.iter().zip(made) {

@@ -33,8 +33,7 @@ fn scenarios_without_slip_neither_slip_nor_say_so() {
             (0..e.frames()).filter(slips).count()
         });
         let gross: usize = gross.unwrap().iter().sum();
-        println!("{scenario:?}: {gross} frames of gross slip");
-        assert_eq!(gross, 0, "{scenario:?}");
+        assert_eq!(gross, 0, "{scenario:?}: frames of gross slip");
     }
 }
 
@@ -88,8 +87,7 @@ fn three_fingers_of_a_tesollo_carry_unequal_loads() {
         assert!(count(&e, SLIP) > 0 && count(&e, NO_SLIP) > 0);
         let load = |s: usize| e.piezo.iter().skip(s).step_by(3).map(|p| f64::from(p.sum())).sum::<f64>();
         let (a, b, c) = (load(0), load(1), load(2));
-        println!("counts of the fingers: {a:.2e} {b:.2e} {c:.2e}, units {}", e.meta.other["units"]);
-        assert!(a > b && a > c && (b / c - 1.0).abs() > 0.02);
+        assert!(a > b && a > c && (b / c - 1.0).abs() > 0.02, "counts of the fingers: {a} {b} {c}");
         let mut units: Vec<String> = serde_json::from_value(e.meta.other["units"].clone()).unwrap();
         units.sort();
         assert_eq!(units, ["tesollo-a", "tesollo-b", "tesollo-c"]);
@@ -101,7 +99,6 @@ fn three_fingers_of_a_tesollo_carry_unequal_loads() {
 fn both_units_of_a_umi_take_part_in_either_order() {
     let mounted = |seed| UnitId::mounted(&mut stream(seed, Stream::Mount, 0), Platform::Umi, 2);
     let orders: Vec<_> = (0..8).map(mounted).collect();
-    println!("{orders:?}");
     for order in [[UnitId::UmiA, UnitId::UmiB], [UnitId::UmiB, UnitId::UmiA]] {
         assert!(orders.iter().any(|units| *units == order), "{order:?} never");
     }
@@ -111,21 +108,15 @@ fn both_units_of_a_umi_take_part_in_either_order() {
 fn pulls_by_hand_go_where_the_recipe_says_and_say_where_they_went() {
     use SlipDirection::{OtherInPlane, Rotational, Vertical};
     let base = Recipe { seconds: Some(3.0), speed_mm_s: Some(10.0), scenario: FreePull, ..Recipe::new(17) };
-    for (angle_deg, direction) in [
-        (0.0, Vertical),
-        (-15.0, Vertical),
-        (30.0, OtherInPlane),
-        (90.0, OtherInPlane),
-        (-120.0, OtherInPlane),
-        (180.0, OtherInPlane),
-    ] {
+    let vertical = [0.0, -15.0].map(|angle_deg| (angle_deg, Vertical));
+    let other = [30.0, 90.0, -120.0, 180.0].map(|angle_deg| (angle_deg, OtherInPlane));
+    for (angle_deg, direction) in vertical.into_iter().chain(other) {
         let e = generate(&Recipe { pull_angle_deg: Some(angle_deg), ..base.clone() }).unwrap();
         let meta = &e.meta.other;
         assert_eq!(meta["slip_direction"], serde_json::to_value(direction).unwrap(), "{angle_deg}");
         let way: [f64; 2] = serde_json::from_value(meta["draws"]["plan"]["stroke_mm"].clone()).unwrap();
         // Counter-clockwise from the pad's y.
         let found_deg = libm::atan2(-way[0], way[1]).to_degrees();
-        println!("{angle_deg}° asked for, pulled at {found_deg:.3}°: {direction:?}");
         assert!(((found_deg - angle_deg + 540.0) % 360.0 - 180.0).abs() < 0.01, "{angle_deg}: {found_deg}");
         assert!(count(&e, SLIP) > 10);
     }
@@ -159,7 +150,6 @@ fn palm_moves_the_patch_8_to_12_mm() {
             centroid_mm(&generate(&Recipe { object, region: Region::Palm, ..recipe }).unwrap())
         };
         let shifts: Vec<f64> = series(SixStep, 2.5, 21, 3).into_iter().map(palm).collect();
-        println!("{object}: centroid at {shifts:.1?} mm");
         assert!(shifts.iter().all(|x| (8.0..12.0).contains(&-x)), "{object}: {shifts:?}");
     }
 }
@@ -188,7 +178,6 @@ fn metadata_say_what_was_made() {
         assert!(meta["draws"]["plan"]["script"]["stretches"].as_array().unwrap().len() > 5);
         assert!(meta["draws"]["finger_1"]["yaw_rad"].is_number());
         let text = meta["draws"].to_string();
-        println!("{scenario:?}: {} bytes of draws", text.len());
         assert_eq!(serde_json::from_str::<serde_json::Value>(&text).unwrap(), meta["draws"]);
     }
 }
@@ -207,7 +196,6 @@ fn every_disturbance_comes_with_contact_and_without() {
     for (name, held) in found.unwrap().into_iter().flatten() {
         seen.entry(name).or_default()[usize::from(held)] += 1;
     }
-    println!("events without contact and with it: {seen:?}");
     for name in ["tap", "jaw", "motion", "ambient"] {
         assert!(seen[name].iter().all(|&n| n > 0), "{name}: {:?}", seen[name]);
     }

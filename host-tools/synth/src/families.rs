@@ -1,8 +1,7 @@
 //! Families of physics: every stage of the world in several forms that share no formula, so that what a detector has
 //! learned of one form can be judged on another.
 //!
-//! The first family of each stage is the laboratory's, on which the paper's protocol is made. One of each stage is held
-//! out: training never sees it.
+//! The first family of each stage is the laboratory's, of the paper's protocol; training never sees the one held out.
 
 use serde::{Deserialize, Serialize};
 

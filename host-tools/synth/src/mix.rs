@@ -50,8 +50,7 @@ pub(crate) type Mix = &'static [(ScenarioChoice, usize)];
 pub(crate) const PROTOCOL: Mix =
     &[(SixStep, 80), (Empty, 6), (Unlinked, 4), (FreeGrasp, 3), (FirmGrip, 4), (RigMotion, 3)];
 
-/// Away from the rig: pulls by hand in all directions, twists about the pad's normal, and grasps that do not
-/// slip. The split `free` takes turns through it.
+/// Away from the rig: pulls by hand, twists about the pad's normal, grasps without slip. Of the split `free`.
 pub(crate) const FREE: Mix = &[(FreePull, 5), (Rotation, 4), (FreeGrasp, 1)];
 
 /// Everything that a hand, an arm or a rig does with an object: for families of physics beside the laboratory's.

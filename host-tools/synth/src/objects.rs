@@ -119,8 +119,7 @@ pub struct Object {
 }
 
 impl Object {
-    /// Height of the face above its highest point, mm, at `(u, v)` mm from its centre, `u` across and `v`
-    /// along its axis; infinite where there is no object.
+    /// Height of the face above its top, mm, at `u` across and `v` along its axis, mm; infinite beside the object.
     pub(crate) fn gap_mm(&self, u: f64, v: f64) -> f64 {
         let bare = self.shape.bare_gap_mm(u, v);
         match &self.relief {

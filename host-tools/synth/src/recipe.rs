@@ -133,8 +133,7 @@ const fn yes() -> bool {
     true
 }
 
-/// Which object: one of a group of the catalogue (`"held_out"`), a certain one (`{"named": "usb-cable"}`),
-/// or one that the recipe brings.
+/// Which object: any of a group of the catalogue (`"held_out"`), one by name (`{"named": "usb-cable"}`), or its own.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ObjectChoice {

@@ -145,7 +145,6 @@ fn the_layer_calibrated_to_the_half_space_has_its_patch_but_not_its_peak() {
     let k = 16.0 * E_STAR / (3.0 * PI * a);
     let ball = Contact::new(hard(Shape::Sphere { radius_mm }), CENTRED, 1e3 * k, 0.0);
     let map = pressed(&ball, force_n);
-    println!("ball: K {k:.3} MPa/mm = 1.70 E*/a");
     near("patch radius, mm", (map.loaded.len() as f64 * CELL_MM2 / PI).sqrt(), a, 0.05);
     let p0 = 3.0 * force_n / (2.0 * PI * a * a);
     near("peak over Hertz's", 1e-3 * peak(&map) / p0, 4.0 / 3.0, 0.05);
@@ -156,7 +155,6 @@ fn the_layer_calibrated_to_the_half_space_has_its_patch_but_not_its_peak() {
     let rod = Contact::new(hard(Shape::Cylinder { radius_mm, length_mm: 200.0 }), CENTRED, 1e3 * k, 0.0);
     let map = pressed(&rod, force_n);
     let p0 = 2.0 * force_n / length_mm / (PI * b);
-    println!("rod: K {k:.3} MPa/mm = 1.18 E*/b");
     // Columns are 0.7 mm apart: the patch's edge is known from its pressure, p0 (1 − x²/b²).
     let of = |col: usize| map.kpa[16 * 32 + col] * 1e-3;
     let (inner, outer) = (of(16), of(18));

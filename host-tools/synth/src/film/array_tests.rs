@@ -56,8 +56,7 @@ fn taxel(scans: &[PiezoFrame], cell: usize) -> Vec<f64> {
     scans.iter().map(|scan| f64::from(scan.counts()[cell])).collect()
 }
 
-/// Mean idle count that unit and session must have: a Gaussian about the idle level, below 0 cut off by the
-/// converter, averaged over the mains' phases.
+/// Mean idle count of unit and session: a Gaussian about the idle level clipped at 0, mean of the mains' phases.
 fn idle_mean(unit: &FilmUnit, session: &FilmSession) -> f64 {
     const PHASES: usize = 32;
     let sigma = unit.noise_counts * session.noise_factor;

@@ -29,7 +29,7 @@ pub(crate) struct FrontEnd {
 }
 
 impl FrontEnd {
-    /// Codes before noise and rounding of conductances relative to full scale, in place; each column's noise, codes².
+    /// Codes without noise and rounding of conductances over full scale, in place; the columns' noise variance, codes².
     pub(crate) fn read(&self, taxels: &mut [f64; TAXELS]) -> [f64; TAXEL_COLS] {
         let mut cols = [0.0; TAXEL_COLS];
         for row in taxels.chunks_exact(TAXEL_COLS) {

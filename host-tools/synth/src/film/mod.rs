@@ -234,7 +234,7 @@ fn row_age_s(scan_s: f64, row: usize) -> f64 {
 /// What the converter reads: rounded to a count, ending at 0 and at 4095.
 #[inline]
 fn converted(level: f32) -> u16 {
-    // From 2^23 on a float holds integers: the addition rounds, and unlike a cast is done for several taxels at once.
+    // From 2^23 on a float holds integers: the sum's mantissa is the rounded count, unlike a cast for several at once.
     const INTEGERS: f32 = 8_388_608.0;
     ((level.clamp(0.0, COUNT_MAX as f32) + INTEGERS).to_bits() & 0xffff) as u16
 }

@@ -94,8 +94,10 @@ fn a_minor_loop_lies_inside_the_major_one() {
     let (up, peak) = (to(0.0, 60.0), to(60.0, 100.0));
     let down = to(100.0, 60.0);
     let (back, again) = (to(60.0, 100.0), to(100.0, 60.0));
-    println!("60 kPa rising reads {up:.2}, falling {down:.2}; 100 kPa {peak:.2}, again {back:.2}");
-    assert!(down > up && (back - peak).abs() < 1e-9 && (again - down).abs() < 1e-9);
+    assert!(
+        down > up && (back - peak).abs() < 1e-9 && (again - down).abs() < 1e-9,
+        "{up} {down} {peak} {back}"
+    );
 }
 
 /// Pressures of a grip: a soft-edged patch with its middle at `row`, `col`, kPa.

@@ -1,5 +1,4 @@
-//! A film whose conductance relaxes: a share follows the pressure at once, two more by time constants that differ for
-//! rise and fall, and the whole fluctuates slowly.
+//! A film whose conductance relaxes: a share follows at once, two with time constants of rise and fall; all fluctuates.
 
 use libm::{exp, pow};
 use serde::Serialize;

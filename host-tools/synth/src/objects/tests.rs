@@ -56,7 +56,6 @@ fn every_object_is_possible_and_typical() {
 #[test]
 fn held_out_objects_are_shifted_and_built_otherwise() {
     let (known, new) = (forms(false), forms(true));
-    println!("reliefs of training {known:?}, of the held-out group {new:?}");
     for form in [Form::Braid, Form::Lanes, Form::Twist, Form::Thread].map(|f| format!("{f:?}")) {
         assert!(new.contains(&form) && !known.contains(&form), "{form}");
     }

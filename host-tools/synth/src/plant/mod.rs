@@ -44,8 +44,7 @@ pub const GRIP_MAX_N: f64 = GRIP_N.1;
 const PULL_MM: f64 = 16.0;
 /// Turn of the twisting hand.
 const TWIST_RAD: f64 = 1.6;
-/// A command acts at least this much later than what was delivered, seconds: scan and samples of a tick know
-/// nothing of what comes more than a step after it.
+/// A command acts this much later than what was delivered, s, at least: a tick knows of one step after it, no more.
 const NOT_BEFORE_S: f64 = 2.0 / STEP_HZ;
 
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]

@@ -176,18 +176,14 @@ impl Plan {
             timeline.close(rng, (g.close, g.touch), object, disturbances.motors);
             if object {
                 timeline.grip(rng, base, (g.touch, g.held), (g.release, g.let_go));
-                for s in &self.script.phases {
+                for s in self.script.phases.iter().filter(|s| (g.held..g.release).contains(&s.start_s)) {
                     let inside = (s.start_s, s.end_s());
-                    if s.start_s < g.held || s.start_s >= g.release {
-                        continue;
-                    }
-                    let pulled = s.kind == PhaseKind::Pull;
                     let per_s =
                         if s.kind == PhaseKind::Hold { GRIP_CHANGES_PER_S.0 } else { GRIP_CHANGES_PER_S.1 };
                     for at in rng.moments(inside, per_s, disturbances::LEAST) {
                         timeline.grip_change(rng, at, inside, g.let_go);
                     }
-                    if !(pulled && resolved.slips()) {
+                    if !(s.kind == PhaseKind::Pull && resolved.slips()) {
                         disturbances.while_held(rng, timeline, inside, g.open);
                     }
                 }

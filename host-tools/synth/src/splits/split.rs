@@ -77,16 +77,13 @@ splits! {
     Tesollo3 "tesollo3" 32,
     /// Test: long episodes of everything but slip, on all hands, for false alarms per hour.
     Noslip "noslip" 60,
-    /// Test: away from the rig. Slips pulled by hand in all directions of the pad's plane, and twists; objects as
-    /// in `tesollo2`.
+    /// Test: away from the rig. Pulls by hand all ways in the pad's plane, and twists; objects as in `tesollo2`.
     Free "free" 80,
-    /// Training beside `train`: pulls on the rig and by hand, twists, and carrying, on both hands, in families of physics
-    /// that training may see.
+    /// Training beside `train`: pulls on the rig and by hand, twists, carrying; both hands, families that training may see.
     TrainAnywhere "train_anywhere" 0,
     /// The same of the objects of `val`.
     ValAnywhere "val_anywhere" 32,
-    /// Test: pulls on the rig and by hand, twists, and carrying, on both hands, in families of physics that training
-    /// may see.
+    /// Test: pulls on the rig and by hand, twists, carrying; both hands, families of physics that training may see.
     TransferKnown "transfer_known" 20,
     /// The same with the held-out family of one stage: contact.
     TransferContact "transfer_contact" 20,
@@ -125,8 +122,7 @@ impl Split {
         })
     }
 
-    /// Episodes in the paper-sized set: the frozen ones, but only three minutes of `noslip`; 0 for
-    /// `train`, which gets the frames that are left.
+    /// Episodes in the paper-sized set: the frozen ones, of `noslip` three minutes; 0 for `train`, which gets the rest.
     pub const fn paper_episodes(self) -> usize {
         match self {
             Self::Noslip => 3,

@@ -339,8 +339,7 @@ fn frozen_recipes_are_those_of_the_splits() {
     assert_eq!(sets.count(), Split::ALL.len() - 2, "all but the two of training");
 }
 
-/// The shortest episode of every split, and of every scenario on every hand; the whole sets are compared by the
-/// example `freeze`.
+/// The shortest episode of every split and of every scenario on every hand; the example `freeze` compares all.
 #[test]
 fn a_sample_has_the_frozen_content() {
     let mut episodes: Vec<_> =

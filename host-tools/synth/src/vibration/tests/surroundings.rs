@@ -127,8 +127,7 @@ fn a_drag_vibrates_like_slip_but_only_through_a_gripped_object() {
     within("with open jaws", level_mg(0.0), ..1e-3);
 }
 
-/// A scene's motion without impacts, machines nearby, slip and gravity; `weight` is a factor on what passes the modes,
-/// 0 for what bypasses them alone.
+/// A scene's motion without impacts, machines nearby, slip and gravity; `weight` is a factor on what passes the modes.
 fn calm(scene: &Scene<'_>, seed: u64, seconds: f64, weight: f64) -> Vec<[f64; 3]> {
     let mut vibration = Vibration::draw(&mut rng(seed), &mut rng_of_families(), scene);
     vibration.handling.quiet();

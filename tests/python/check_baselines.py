@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """Check host-tools/eval/tests/vectors/baselines.json: what librosa, scipy and scikit-learn make of a fixed
 signal and of fixed points. The Rust tests of the benchmark's detectors compare with the same file.
 

@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """Check a CAN log against the predictions and the episode it was made from, with pycyphal.
 
   check_can_log.py CAN_LOG PREDICTIONS.npz EPISODE.npz

@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """Check the documents: README, contributing page, model card and book.
 
   check_documents.py SLIPSENSE XTASK

@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """Check the benchmark's frame metrics and exact intervals against scikit-learn and SciPy.
 
   check_metrics.py CASES.json

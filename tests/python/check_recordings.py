@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """Check recordings that `slipsense record` wrote, and a DBC file, with the software that people open them with.
 
   check_recordings.py CAN_LOG RECORDING.mcap RECORDING.blf SLIP.dbc

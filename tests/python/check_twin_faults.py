@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """What the firmware in the board twin does where its flash raises flags of reads, and what it reports after it faulted,
 hung, panicked, its supply dipped, or a bit of its model flipped: asked by pycyphal.
 

@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """Let pycyphal talk to the firmware in the board twin: what the release ELF answers through the modelled bus.
 
   check_twin_node.py PORT MODEL_FILE
@@ -17,13 +16,18 @@ import subprocess
 from can_link import CanLink
 from node_client import NODE, TOOL, Client, natural, numbers, run_checks
 
+import pycyphal.application.plug_and_play
+import uavcan.node
+import uavcan.pnp
+import uavcan.primitive
+import uavcan.register
+import uavcan.time
+
 CAUTION, OPERATIONAL, SENSOR_MISSING = 2, 0, 1
 MASTER_EPOCH_US = 1_700_000_000_000_000
 
 
 async def check_identity(client, model):
-    import uavcan.node
-
     checks = client.checks
     info = await client.call(uavcan.node.GetInfo_1, uavcan.node.GetInfo_1.Request())
     checks.equal("name", bytes(info.name).decode(), "slipsense.fingertip")
@@ -47,9 +51,6 @@ async def check_heartbeat(client):
 
 
 async def check_registers(client):
-    import uavcan.primitive
-    import uavcan.register
-
     checks = client.checks
     names = []
     while True:
@@ -121,8 +122,6 @@ async def check_storage(client):
 
 async def check_time(client):
     """Two messages a moment apart: the second says when the first was sent, on a clock of our own."""
-    import uavcan.time
-
     checks = client.checks
     publisher = client.node.make_publisher(uavcan.time.Synchronization_1)
     checks.equal("time before", (await client.access("slipsense.sensors")).timestamp.microsecond, 0)
@@ -142,10 +141,6 @@ async def check_time(client):
 
 async def check_allocation(client):
     """Without an address of its own the node is silent but for asking, and takes the one that it is given."""
-    import pycyphal.application.plug_and_play
-    import uavcan.node
-    import uavcan.pnp
-
     checks = client.checks
     # The update that nobody serves is over with this.
     await client.restart()

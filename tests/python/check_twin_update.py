@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """Update the board twin over the bus with pycyphal's file server, as a user's tool would: what is refused, what runs
 after a restart, what rolls back, and what a supply that fails in between leaves.
 
@@ -18,6 +17,11 @@ import struct
 
 from can_link import CanLink
 from node_client import NODE, Client, natural, run_checks
+
+import pycyphal.application.file
+import uavcan.node
+import uavcan.primitive.array
+import uavcan.register
 
 # Of this computer, seconds: erases and a swap take several virtual ones each, which the twin runs at a fraction of
 # real time.
@@ -52,8 +56,6 @@ class UpdateClient(Client):
 
     async def power_on(self, port):
         """The twin starts when the link is there, so that its first records are received."""
-        import pycyphal.application.file
-
         # Lives as long as the node.
         pycyphal.application.file.FileServer(self.node, [self.folder])
         self.link = CanLink(port)
@@ -86,8 +88,6 @@ class UpdateClient(Client):
         await self.started("a restart")
 
     async def version(self, want):
-        import uavcan.node
-
         info = await self.call(uavcan.node.GetInfo_1, uavcan.node.GetInfo_1.Request())
         self.checks.equal("version in GetInfo", (info.software_version.major, info.software_version.minor), want)
         return info
@@ -109,16 +109,11 @@ class UpdateClient(Client):
 
 def threshold(value):
     """Of the flag, in the register of three numbers that holds it."""
-    import uavcan.primitive.array
-    import uavcan.register
-
     return uavcan.register.Value_1(integer32=uavcan.primitive.array.Integer32_1([value, 1, 1]))
 
 
 async def check_settings(client, thorough):
     """Brown-outs in the middle of a store; afterwards the settings are the old or the new ones."""
-    import uavcan.node
-
     checks = client.checks
     # Without raw messages the emulator has less to do.
     await client.access("slipsense.raw.divider", natural(8, 0))

@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """Make tests/vectors/encoder_vectors.json: what published implementations of the paper's encoders compute.
 
   make_encoder_vectors.py           write the vectors
@@ -174,11 +173,8 @@ def main():
         "script": "tests/python/make_encoder_vectors.py",
         **{module.__name__: module.__version__ for module in (torch, torchvision, transformers)},
     }
-    rounded = lambda tree: (
-        {key: rounded(part) for key, part in tree.items()} if isinstance(tree, dict)
-        else [rounded(part) for part in tree] if isinstance(tree, list)
-        else round(tree, 6) if isinstance(tree, float) else tree)
-    lines = [json.dumps({key: part})[1:-1] for key, part in {"origin": origin, **rounded(made)}.items()]
+    rounded = json.loads(json.dumps(made), parse_float=lambda text: round(float(text), 6))
+    lines = [json.dumps({key: part})[1:-1] for key, part in {"origin": origin, **rounded}.items()]
     PATH.write_text("{" + ",\n".join(lines) + "}\n")
     print(f"{PATH.name}: {PATH.stat().st_size / 1000:.0f} kB")
 

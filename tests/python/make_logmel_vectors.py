@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """Make tests/vectors/logmel_vectors.json: accelerometer signals and their log-mel in float64.
 
 The reference shares nothing with the Rust front end: scipy.signal.butter and lfilter, numpy.fft.rfft,

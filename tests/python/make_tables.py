@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """Make the committed integer tables of the kernels: src/features/tables.rs, src/features/cmsis/tables.rs,
 src/net/tables.rs and src/drivers/decimate_table.rs.
 

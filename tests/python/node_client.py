@@ -5,18 +5,23 @@ set-up of a check. Frames go through a python-can bus of kind `virtual`.
 import asyncio
 import logging
 import os
-import pathlib
 import sys
-import tempfile
 import time
 import warnings
 
 # One of pycyphal's dependencies warns about another on Python 3.11.
 warnings.filterwarnings("ignore", category=DeprecationWarning)
 
-import regulated_types
+import regulated_types  # noqa: F401  makes `uavcan`
+import pycyphal.application
+import uavcan.diagnostic
+import uavcan.node
+import uavcan.primitive.array
+import uavcan.register
 from can_link import CHANNEL
 from checks import Checks
+from pycyphal.transport.can import CANTransport
+from pycyphal.transport.can.media.pythoncan import PythonCANMedia
 
 NODE, TOOL = 42, 120
 # Of this computer, seconds; the twin may run at a twentieth of real time.
@@ -27,12 +32,6 @@ class Client:
     """A tool's node on the bus and what it receives from ours."""
 
     def __init__(self, checks):
-        import pycyphal.application
-        import uavcan.diagnostic
-        import uavcan.node
-        from pycyphal.transport.can import CANTransport
-        from pycyphal.transport.can.media.pythoncan import PythonCANMedia
-
         self.checks = checks
         media = PythonCANMedia(f"virtual:{CHANNEL}", (1_000_000, 8_000_000), 64)
         transport = CANTransport(media, local_node_id=TOOL)
@@ -61,15 +60,11 @@ class Client:
         return answer
 
     async def command(self, number, parameter=b"", server=NODE):
-        import uavcan.node
-
         request = uavcan.node.ExecuteCommand_1.Request(command=number, parameter=list(parameter))
         answer = await self.call(uavcan.node.ExecuteCommand_1, request, server)
         return None if answer is None else answer.status
 
     async def access(self, name, value=None):
-        import uavcan.register
-
         request = uavcan.register.Access_1.Request(name=uavcan.register.Name_1(list(name.encode())))
         if value is not None:
             request.value = value
@@ -110,9 +105,6 @@ def numbers(value):
 
 
 def natural(bits, *values):
-    import uavcan.primitive.array
-    import uavcan.register
-
     array = getattr(uavcan.primitive.array, f"Natural{bits}_1")
     return uavcan.register.Value_1(**{f"natural{bits}": array(list(values))})
 
@@ -125,12 +117,6 @@ def run_checks(what, run):
     for name in [name for name in os.environ if name.startswith("UAVCAN__")]:
         del os.environ[name]
     checks = Checks()
-    with tempfile.TemporaryDirectory() as folder:
-        import pycyphal.dsdl
-
-        sources, compiled = pathlib.Path(folder) / "dsdl", pathlib.Path(folder) / "python"
-        pycyphal.dsdl.compile_all([regulated_types.write(sources)], compiled)
-        sys.path.insert(0, str(compiled))
-        figures = asyncio.run(run(checks, *sys.argv[1:]))
+    figures = asyncio.run(run(checks, *sys.argv[1:]))
     print(f"{what}: {checks.count} checks by pycyphal, {checks.bad} mismatches; {figures}")
     sys.exit(1 if checks.bad else 0)

@@ -1,4 +1,5 @@
-"""The regulated Cyphal types that pycyphal's application layer and the node use, as DSDL.
+"""The regulated Cyphal types that pycyphal's application layer and the node use, as DSDL. Importing this module compiles
+them: the package `uavcan` can be imported afterwards.
 
 Names, fields and sizes are those of OpenCyphal's public_regulated_data_types, which no package index carries;
 the text is written down here without the comments of the original. `slipsense-recording` compares the node's bytes
@@ -6,6 +7,10 @@ with the crate canadensis_data_types, which is generated from the original.
 """
 
 import pathlib
+import sys
+import tempfile
+
+import pycyphal.dsdl
 
 KINDS = (("int", "Integer", (64, 32, 16, 8)), ("uint", "Natural", (64, 32, 16, 8)), ("float", "Real", (64, 32, 16)))
 # Type of an element and most elements, by name.
@@ -67,17 +72,16 @@ TYPES = {
     "file/409.Write.1.1": "truncated uint40 offset\nPath.2.0 path\nuavcan.primitive.Unstructured.1.0 data\n"
     "@extent 600 * 8\n---\nError.1.0 error\n@extent 48 * 8",
 }
+for name, (dsdl, most) in ARRAYS.items():
+    TYPES[f"primitive/array/{name}.1.0"] = f"{dsdl}[<={most}] value\n@sealed"
+    TYPES[f"primitive/scalar/{name}.1.0"] = f"{dsdl} value\n@sealed"
 
-
-def write(folder):
-    """Write the namespace `uavcan` into `folder`; returns its path."""
-    root = pathlib.Path(folder) / "uavcan"
-    types = dict(TYPES)
-    for name, (dsdl, most) in ARRAYS.items():
-        types[f"primitive/array/{name}.1.0"] = f"{dsdl}[<={most}] value\n@sealed"
-        types[f"primitive/scalar/{name}.1.0"] = f"{dsdl} value\n@sealed"
-    for name, text in types.items():
-        path = root / f"{name}.dsdl"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text + "\n", encoding="ascii")
-    return root
+# It lasts as long as this program.
+FOLDER = tempfile.TemporaryDirectory()
+SOURCES, COMPILED = pathlib.Path(FOLDER.name, "dsdl/uavcan"), pathlib.Path(FOLDER.name, "python")
+for name, text in TYPES.items():
+    path = SOURCES / f"{name}.dsdl"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text + "\n", encoding="ascii")
+pycyphal.dsdl.compile_all([SOURCES], COMPILED)
+sys.path.insert(0, str(COMPILED))

@@ -265,11 +265,10 @@ def rejected(full_scale):
     count = 3.3 / 4096
     row = patterns()["a row"]
     g, rows, cols = spice.classes(row, [9], [4, 5])
-    held = [(1, 1)] + [(0, 0)] * (len(rows) - 1)
     none = np.zeros_like(g).tolist()
-    one_rail, idle = (former.step(x, rows, cols, held, negative_rail=False)[-1, 1] for x in (g, none))
+    one_rail, idle = (former.step(x, rows, cols, negative_rail=False)[-1, 1] for x in (g, none))
     print(f"  one rail: a taxel at full scale reads {one_rail:.3f} V, an untouched one {idle:.3f} V: the sign")
-    data = former.step(g, rows, cols, held, negative_rail=True)
+    data = former.step(g, rows, cols, negative_rail=True)
     out = data[:, 1]
     off = abs(out[data[:, 0] * 1e9 < parameters()["scan"]["trigger_ns"]][-1] - out[-1]) / count
     print(f"  with a negative rail: {off:.0f} counts of 4096 off at the trigger after a column that was open; "
@@ -279,8 +278,7 @@ def rejected(full_scale):
     readings = []
     for pattern in (1 - others, others):
         g, rows, cols = spice.classes(pattern, [9], [4, 5])
-        held = [(1, 1)] + [(0, 0)] * (len(rows) - 1)
-        readings.append(former.step(g, rows, cols, held, negative_rail=True)[-1, 1])
+        readings.append(former.step(g, rows, cols, negative_rail=True)[-1, 1])
     lost = readings[1] / readings[0]
     print(f"  static crosstalk: an untouched taxel reads {100 * lost:.0f} % of full scale where all others are pressed")
     slow_margins = {name: spice.phase_margin(parameters(amplifier__gbw_mhz=gbw, film__taxel_pf=0.0, film__line_pf=650.0,

@@ -6,9 +6,9 @@ from spice import LINES, ngspice, op_amp, parameters
 DRIVER_OHM, FEEDBACK_KOHM, FEEDBACK_PF, LINE_PF = 100.0, 4.7, 22.0, 500.0
 
 
-def step(g, rows, cols, drive, negative_rail):
-    """One change of address, from column class 0 to 1. Volts of the amplifier over time. With a negative rail its output
-    may go where its sign points."""
+def step(g, rows, cols, negative_rail):
+    """One change of address, from column class 0 to 1, row class 0 driven. Volts of the amplifier over time. With a
+    negative rail its output may go where its sign points."""
     p = parameters(film__full_scale_us=1e3 / FEEDBACK_KOHM)  # 3.3 V is 3.3 V
     model = op_amp(p)
     if negative_rail:
@@ -16,8 +16,7 @@ def step(g, rows, cols, drive, negative_rail):
     at = p["scan"]["dma_ns"] + 100
     lines = [model, "Vdd va 0 3.3"]
     for i, m in enumerate(rows):
-        before, after = drive[i]
-        lines += [f"Vr{i} d{i} 0 PWL(0 {3.3 * before} {at}n {3.3 * before} {at + 5}n {3.3 * after} 1 {3.3 * after})"]
+        lines += [f"Vr{i} d{i} 0 {3.3 if i == 0 else 0}"]
         lines += [f"Rr{i} d{i} r{i} {DRIVER_OHM / m}", f"Cr{i} r{i} 0 {m * p['film']['line_pf']}p"]
     for j, n in enumerate(cols):
         lines += [f"Cc{j} c{j} 0 {n * LINE_PF}p", f"Rc{j} c{j} 0 100g"]

@@ -26,22 +26,16 @@ pub(super) fn float(weights: Option<&Path>) -> Result<Detector<'static>> {
         };
         let (mut score, mut fallback) = (Vec::new(), Vec::new());
         for frame in 0..episode.frames() {
-            let log_mels: Vec<_> = front_ends
-                .iter_mut()
-                .enumerate()
-                .map(|(sensor, front_end)| {
-                    front_end.push(episode.xl_batch(frame, sensor));
-                    front_end.log_mel().features()
-                })
-                .collect();
-            let inputs: Vec<_> = log_mels
-                .iter()
-                .enumerate()
-                .map(|(sensor, xl)| SensorFrame {
-                    piezo: Some(episode.piezo(frame, sensor).counts()),
-                    xl: Some(xl),
-                })
-                .collect();
+            let mut log_mels = Vec::with_capacity(sensors);
+            for (sensor, front_end) in front_ends.iter_mut().enumerate() {
+                front_end.push(episode.xl_batch(frame, sensor));
+                log_mels.push(front_end.log_mel().features());
+            }
+            let inputs = log_mels.iter().enumerate().map(|(sensor, xl)| {
+                let counts = episode.piezo(frame, sensor).counts();
+                SensorFrame { piezo: Some(counts), xl: Some(xl) }
+            });
+            let inputs: Vec<_> = inputs.collect();
             let [_, no_slip, slip, _] = network.step(&inputs)?;
             let touched = touched(episode, frame);
             score.push(if touched { slip - no_slip } else { NEVER });

@@ -9,11 +9,6 @@ use slipsense_recording::score::SLIP;
 use crate::detector::{NEVER, Prediction, touched};
 use crate::truth::{SLIDING_FRACTION, SLIDING_MM_S};
 
-fn predict(episode: &Episode, threshold: f32, frame: impl Fn(usize) -> (f32, u8)) -> Prediction {
-    let (score, fallback) = (0..episode.frames()).map(frame).unzip();
-    Prediction::new(score, threshold, fallback)
-}
-
 /// `majority`: the most frequent class of the training frames, whatever happens; and, of the two classes without
 /// slip, the more frequent one. Ties go to the lower class.
 fn majority_class(class_frames: [u64; CLASSES]) -> (u8, u8) {
@@ -24,13 +19,13 @@ fn majority_class(class_frames: [u64; CLASSES]) -> (u8, u8) {
 /// Score 1 if slip is the most frequent class, else 0; threshold one half.
 pub(super) fn majority(episode: &Episode, class_frames: [u64; CLASSES]) -> Prediction {
     let (class, fallback) = majority_class(class_frames);
-    predict(episode, 0.5, |_| (f32::from(u8::from(class == SLIP)), fallback))
+    Prediction::by_frame(episode.frames(), 0.5, |_| (f32::from(u8::from(class == SLIP)), fallback))
 }
 
 /// `always-slip`: slip whenever something is held. It misses nothing and is never late, which shows what latency
 /// is worth without false alarms beside it. Score 1 in contact, else 0; threshold one half.
 pub(super) fn always_slip(episode: &Episode) -> Prediction {
-    predict(episode, 0.5, |frame| {
+    Prediction::by_frame(episode.frames(), 0.5, |frame| {
         let touched = u8::from(touched(episode, frame));
         (touched.into(), touched)
     })
@@ -45,7 +40,7 @@ pub(super) fn oracle(episode: &Episode) -> Result<Prediction> {
     let missing = |array| format!("the oracle needs the simulator's truth, array {array}");
     let speed = episode.slip_true_mm_s.as_ref().with_context(|| missing("slip_true"))?;
     let fraction = episode.slip_fraction.as_ref().with_context(|| missing("slip_fraction"))?;
-    Ok(predict(episode, SLIDING_FRACTION, |frame| match touched(episode, frame) {
+    Ok(Prediction::by_frame(episode.frames(), SLIDING_FRACTION, |frame| match touched(episode, frame) {
         false => (NEVER, 0),
         true if speed[frame] > SLIDING_MM_S => (fraction[frame], 1),
         true => (0.0, 1),
@@ -56,7 +51,9 @@ pub(super) fn oracle(episode: &Episode) -> Result<Prediction> {
 /// half.
 pub(super) fn oracle_label(episode: &Episode) -> Result<Prediction> {
     let label = episode.label.as_ref().context("array label is missing")?;
-    Ok(predict(episode, 0.5, |frame| (f32::from(u8::from(label[frame] == SLIP)), label[frame].min(1))))
+    Ok(Prediction::by_frame(episode.frames(), 0.5, |frame| {
+        (f32::from(u8::from(label[frame] == SLIP)), label[frame].min(1))
+    }))
 }
 
 /// Frames of a bin of the clock: a quarter of a second.
@@ -93,7 +90,7 @@ impl Clock {
 
     /// The score is how far slip's share is above the larger of the other two; threshold 0.
     pub(super) fn predict(&self, episode: &Episode) -> Prediction {
-        predict(episode, 0.0, |frame| {
+        Prediction::by_frame(episode.frames(), 0.0, |frame| {
             let [none, held, slip] = self.at(frame);
             ((slip - none.max(held)) as f32, u8::from(held > none))
         })

@@ -11,11 +11,11 @@ use std::path::Path;
 
 use anyhow::{Result, bail};
 
-use crate::detector::{Detector, PerSensor, thresholded};
+use crate::detector::{Detector, thresholded};
 use crate::fitted::Fitted;
 
 pub use network::Modality;
-use paper::{EntropyScore, MfccQdaScore, both};
+use paper::{both, entropy, mfcc_qda};
 
 /// The integer network, the one that ships.
 pub const NETWORK: &str = "network";
@@ -53,8 +53,6 @@ pub const DETECTORS: [(&str, &str); 12] = [
 pub fn by_name<'a>(name: &str, setup: &Setup<'a>) -> Result<Detector<'a>> {
     let fitted = setup.fitted;
     let (cutoffs, order) = ([fitted.entropy, fitted.mfcc.cut], fitted.class_order);
-    let mut entropy = PerSensor::<EntropyScore>::default();
-    let mfcc = || MfccQdaScore::new(&fitted.mfcc).map(PerSensor::new);
     Ok(match name {
         NETWORK => network::network(setup.model, setup.dead)?,
         NETWORK_ALARM => network::network_alarm(setup.model, setup.dead)?,
@@ -62,19 +60,12 @@ pub fn by_name<'a>(name: &str, setup: &Setup<'a>) -> Result<Detector<'a>> {
         FLOAT => float::float(setup.float_weights)?,
         #[cfg(not(feature = "float"))]
         FLOAT => bail!("{FLOAT} is not in this build; build with `--features train`"),
-        "entropy" => {
-            thresholded(move |episode, frame| entropy.step(episode, frame), cutoffs[0].threshold, order)
-        }
-        "mfcc-qda" => {
-            let mut mfcc = mfcc()?;
-            thresholded(move |episode, frame| mfcc.step(episode, frame), cutoffs[1].threshold, order)
-        }
+        "entropy" => thresholded(entropy(), cutoffs[0].threshold, order),
+        "mfcc-qda" => thresholded(mfcc_qda(&fitted.mfcc)?, cutoffs[1].threshold, order),
         "entropy-and-mfcc" => {
-            let mut mfcc = mfcc()?;
-            let scores = move |episode: &_, frame| {
-                both([entropy.step(episode, frame), mfcc.step(episode, frame)], cutoffs)
-            };
-            thresholded(scores, 0.0, order)
+            let (mut piezo, mut xl) = (entropy(), mfcc_qda(&fitted.mfcc)?);
+            let score = move |episode: &_, frame| both([piezo(episode, frame), xl(episode, frame)], cutoffs);
+            thresholded(score, 0.0, order)
         }
         "majority" => Box::new(|episode| Ok(limits::majority(episode, fitted.class_frames))),
         "always-slip" => Box::new(|episode| Ok(limits::always_slip(episode))),

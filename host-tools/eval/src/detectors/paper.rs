@@ -4,8 +4,8 @@ use anyhow::Result;
 use slipsense::sensor::PiezoFrame;
 use slipsense_recording::Episode;
 
-use crate::detector::SensorScore;
-use crate::fitted::{Cutoff, LikelihoodRatio, MfccFit};
+use crate::detector::PerSensor;
+use crate::fitted::{Cutoff, MfccFit};
 use crate::spectrum::XlSpectrum;
 
 const BINS: usize = 32;
@@ -44,41 +44,30 @@ pub(crate) fn entropy_nat(before: &PiezoFrame, now: &PiezoFrame) -> f32 {
     histogram.iter().map(term).sum::<f64>() as f32
 }
 
-/// The entropy of one pad's change since the frame before; 0 in the first frame.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct EntropyScore {
-    before: Option<PiezoFrame>,
-}
-
-impl SensorScore for EntropyScore {
-    fn step(&mut self, episode: &Episode, frame: usize, sensor: usize) -> f64 {
-        let now = episode.piezo(frame, sensor);
-        let before = self.before.replace(now.clone());
-        before.map_or(0.0, |before| entropy_nat(&before, now).into())
+/// The largest [`entropy_nat`] of the pads in each next frame; 0 in the first frame.
+pub(crate) fn entropy() -> impl FnMut(&Episode, usize) -> f32 + Send {
+    let mut before = PerSensor::<Option<PiezoFrame>>::default();
+    move |episode, frame| {
+        before.largest(episode.sensors, |before, sensor| {
+            let now = episode.piezo(frame, sensor);
+            before.replace(now.clone()).map_or(0.0, |before| entropy_nat(&before, now).into())
+        })
     }
 }
 
 /// 13 MFCC of 26 filters with quadratic discriminants, after Yoo et al. (2021).
 ///
 /// Two classes, slip and not slip, with equal priors: the accelerometer cannot sense contact, and the rarity
-/// of slip in a test protocol is nothing to learn. The score is the log of the likelihood ratio, nat.
-#[derive(Clone)]
-pub(crate) struct MfccQdaScore {
-    spectrum: XlSpectrum,
-    ratio: LikelihoodRatio,
-}
-
-impl MfccQdaScore {
-    pub(crate) fn new(fit: &MfccFit) -> Result<Self> {
-        Ok(Self { spectrum: XlSpectrum::default(), ratio: fit.ratio()? })
-    }
-}
-
-impl SensorScore for MfccQdaScore {
-    fn step(&mut self, episode: &Episode, frame: usize, sensor: usize) -> f64 {
-        self.spectrum.push_frame(episode, frame, sensor);
-        self.ratio.ln(&self.spectrum.mfcc())
-    }
+/// of slip in a test protocol is nothing to learn. The score is the log of the likelihood ratio, nat, the largest of the
+/// sensors.
+pub(super) fn mfcc_qda(fit: &MfccFit) -> Result<impl FnMut(&Episode, usize) -> f32 + Send + use<>> {
+    let (ratio, mut spectra) = (fit.ratio()?, PerSensor::<XlSpectrum>::default());
+    Ok(move |episode: &Episode, frame| {
+        spectra.largest(episode.sensors, |spectrum, sensor| {
+            spectrum.push_frame(episode, frame, sensor);
+            ratio.ln(&spectrum.mfcc())
+        })
+    })
 }
 
 /// The smaller of two scores, each less its threshold and over its standard deviation on train: above 0 exactly where

@@ -60,14 +60,11 @@ pub(super) fn rig_only(fit: Option<&RigFit>) -> Result<Detector<'static>> {
     let mut features = RigFeatures::default();
     Ok(Box::new(move |episode| {
         let rig = rig_only_episode(episode)?;
-        let (score, fallback) = (0..rig.frames())
-            .map(|frame| {
-                let terms = terms(&fit.scaling.apply(&features.step(&rig, frame)));
-                let (slip, held) = (fit.slip.probability(&terms), fit.held.probability(&terms));
-                let [none, held] = [(1.0 - slip) * (1.0 - held), (1.0 - slip) * held];
-                ((slip - none.max(held)) as f32, u8::from(held > none))
-            })
-            .unzip();
-        Ok(Prediction::new(score, 0.0, fallback))
+        Ok(Prediction::by_frame(rig.frames(), 0.0, |frame| {
+            let terms = terms(&fit.scaling.apply(&features.step(&rig, frame)));
+            let (slip, held) = (fit.slip.probability(&terms), fit.held.probability(&terms));
+            let [none, held] = [(1.0 - slip) * (1.0 - held), (1.0 - slip) * held];
+            ((slip - none.max(held)) as f32, u8::from(held > none))
+        }))
     }))
 }

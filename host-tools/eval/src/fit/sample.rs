@@ -5,9 +5,9 @@ use serde_json::Value;
 use slipsense::params::CLASSES;
 use slipsense_recording::{Episode, Meta};
 
-use crate::detector::{PerSensor, touched};
+use crate::detector::touched;
 use crate::detectors::limits::CLOCK_BIN_FRAMES;
-use crate::detectors::paper::EntropyScore;
+use crate::detectors::paper::entropy;
 use crate::detectors::rig_only::{RigFeatures, rig_only_episode};
 use crate::fitted::RIG_FEATURES;
 use crate::spectrum::{COEFFICIENTS, XlSpectrum};
@@ -36,7 +36,7 @@ impl Sample {
         let label = episode.label.as_ref().context("array label is missing, needed to fit")?;
         let has_recipe = episode.meta.other.contains_key("recipe");
         let rig = has_recipe.then(|| rig_only_episode(episode)).transpose()?;
-        let mut entropy = PerSensor::<EntropyScore>::default();
+        let mut entropy = entropy();
         let mut spectra = vec![XlSpectrum::default(); episode.sensors];
         let mut rig_features = RigFeatures::default();
         let mut clock = vec![[0; CLASSES]; episode.frames().div_ceil(CLOCK_BIN_FRAMES)];
@@ -50,7 +50,7 @@ impl Sample {
             let sample = Frame {
                 label,
                 touched: touched(episode, frame),
-                entropy: entropy.step(episode, frame),
+                entropy: entropy(episode, frame),
                 mfcc: mfcc.collect(),
                 rig: rig.as_ref().map(|rig| rig_features.step(rig, frame)),
             };

@@ -1,11 +1,9 @@
 //! False alarms as events, in all and by cause.
 //!
-//! A false alarm is a maximal run of flags outside the slip intervals widened by 50 ms; runs less than
-//! 200 ms apart are one. Rates are per hour of *exposure*: the time outside the widened intervals, in
-//! which an alarm can occur. An alarm is attributed to the class of its first frame: of the disturbances
-//! active from 150 ms before it, the one of highest precedence ([`crate::truth::DISTURBANCES`]). The
-//! exposure is divided by the same rule, so that the classes add up to the whole. Bounds are exact
-//! one-sided 95 % bounds of a Poisson rate.
+//! False alarms are those of [`slipsense_recording::score`]. Rates are per hour of *exposure*: the time outside the
+//! widened slip, in which an alarm can occur. An alarm is attributed to the class of its first frame: of the disturbances
+//! active from 150 ms before it, the one of highest precedence ([`crate::truth::DISTURBANCES`]). The exposure is divided
+//! by the same rule, so that the classes add up to the whole. Bounds are exact one-sided 95 % bounds of a Poisson rate.
 
 use serde::Serialize;
 use slipsense::params::FRAME_RATE_HZ;

@@ -6,10 +6,10 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use slipsense_recording::score::ClassScores;
 
-use super::alarms::hours;
+use super::alarms::AlarmCounts;
 use super::events::{WITHIN_FRAMES, latencies};
 use super::figures::{EpisodeRecord, Figures};
-use super::statistics::{CONFIDENCE, share};
+use super::statistics::{CONFIDENCE, median_or_infinity, share};
 
 const RESAMPLES: usize = 1000;
 const SEED: u64 = 1;
@@ -37,59 +37,38 @@ pub(crate) struct InputFigures {
     pub(crate) intervals: Intervals,
 }
 
-struct Counts {
-    classes: ClassScores,
-    /// Of hits and misses, frames; infinite for misses.
-    latencies: Vec<f64>,
-    events: usize,
-    alarms: u64,
-    exposure_frames: u64,
-}
-
-impl Counts {
-    fn new(record: &EpisodeRecord) -> Self {
-        let outcomes = &record.events.encoder;
-        Self {
-            classes: record.frames.all,
-            latencies: latencies(outcomes),
-            events: outcomes.len(),
-            alarms: record.alarms.total(),
-            exposure_frames: record.alarms.exposure_frames.iter().sum(),
-        }
-    }
-}
-
 impl Intervals {
     /// Intervals of the figures of these episodes. The same episodes give the same intervals.
     pub(crate) fn new(records: &[&EpisodeRecord]) -> Self {
         if records.len() < EPISODES_MIN {
             return Self::default();
         }
-        let counts: Vec<Counts> = records.iter().copied().map(Counts::new).collect();
+        let episodes: Vec<_> =
+            records.iter().map(|record| (record, latencies(&record.events.encoder))).collect();
         let mut rng = ChaCha8Rng::seed_from_u64(SEED);
         let mut draws: [Vec<f64>; 7] = Default::default();
         let mut drawn = Vec::new();
         for _ in 0..RESAMPLES {
-            let (mut classes, mut alarms, mut exposure, mut events) = (ClassScores::default(), 0, 0, 0);
+            let (mut classes, mut alarms, mut events) = (ClassScores::default(), AlarmCounts::default(), 0);
             drawn.clear();
-            for _ in 0..counts.len() {
-                let episode = &counts[rng.random_range(0..counts.len())];
-                classes.add(&episode.classes);
-                drawn.extend_from_slice(&episode.latencies);
-                events += episode.events;
-                alarms += episode.alarms;
-                exposure += episode.exposure_frames;
+            for _ in 0..episodes.len() {
+                let (record, latencies) = &episodes[rng.random_range(0..episodes.len())];
+                classes.add(&record.frames.all);
+                alarms.add(&record.alarms);
+                events += record.events.encoder.len();
+                drawn.extend_from_slice(latencies);
             }
+            drawn.sort_unstable_by(f64::total_cmp);
             let within = drawn.iter().filter(|&&frames| frames <= WITHIN_FRAMES as f64).count();
             let missed = drawn.iter().filter(|frames| frames.is_infinite()).count();
             let values = [
                 classes.accuracy(),
                 classes.macro_f1(),
                 classes.fpr_of_non_slip(),
-                median(&mut drawn),
+                median_or_infinity(&drawn),
                 share(within, drawn.len()),
                 share(missed, events),
-                (exposure > 0).then(|| alarms as f64 / hours(exposure)),
+                (alarms.hours() > 0.0).then(|| alarms.total() as f64 / alarms.hours()),
             ];
             // A draw without events has no latency; the others still count.
             for (draws, value) in draws.iter_mut().zip(values) {
@@ -108,19 +87,6 @@ impl Intervals {
             alarms_per_hour: alarms.and_then(finite),
         }
     }
-}
-
-fn median(latencies: &mut [f64]) -> Option<f64> {
-    let length = latencies.len();
-    if length == 0 {
-        return None;
-    }
-    let (below, &mut middle, _) = latencies.select_nth_unstable_by(length / 2, f64::total_cmp);
-    if length % 2 == 1 {
-        return Some(middle);
-    }
-    let other = below.iter().copied().max_by(f64::total_cmp).unwrap_or(middle);
-    Some((other + middle) / 2.0)
 }
 
 fn bounds(mut values: Vec<f64>) -> Option<[f64; 2]> {

@@ -1,10 +1,7 @@
 //! Event by event: when a slip was flagged, against both truths.
 //!
-//! The first flag in `[onset − 50 ms, end]` belongs to the event. At or after the onset it is a hit with
-//! its latency; before the onset it is *early*, which is reported apart and is neither a latency of 0 nor
-//! a false alarm; without a flag up to the end the event is *missed*, whatever comes later. Latencies are
-//! those of the hits and, at infinity, the misses: median, percentiles and shares count both. Early events
-//! are not among them. They contain no computing time.
+//! Hits, early events and misses are those of [`slipsense_recording::score`]. Latencies are those of the hits and, at
+//! infinity, the misses: median, percentiles and shares count both, and no early event. They contain no computing time.
 //!
 //! Against the interface truth, the onset is that of the sliding that belongs to the labelled event, and
 //! the end is the label's. Labelled events in which the contact never slid are counted apart.
@@ -40,10 +37,8 @@ pub(crate) struct Outcome {
 pub(crate) struct Outcomes {
     /// One per labelled event.
     pub(crate) encoder: Vec<Outcome>,
-    /// One per labelled event in which the contact slid.
+    /// One per labelled event in which the contact slid; none where the episode lacks the interface truth.
     pub(crate) interface: Vec<Outcome>,
-    /// Labelled events in which it did not slide, or whose episode lacks the interface truth.
-    pub(crate) without_interface: usize,
 }
 
 impl Outcomes {
@@ -52,7 +47,7 @@ impl Outcomes {
         let crosshead = truth.displacement_mm.as_deref();
         let encoder = outcomes(&truth.slip, flag, crosshead);
         let Some(interface) = &truth.interface else {
-            return Self { without_interface: encoder.len(), encoder, interface: Vec::new() };
+            return Self { encoder, interface: Vec::new() };
         };
         let mut windows: Vec<Interval> = Vec::new();
         for (&(_, end), sliding) in truth.slip.iter().zip(&interface.of_label) {
@@ -62,11 +57,7 @@ impl Outcomes {
                 windows.push((interface.slip[sliding].0.max(previous_end), end));
             }
         }
-        Self {
-            without_interface: encoder.len() - windows.len(),
-            encoder,
-            interface: outcomes(&windows, flag, Some(&interface.slid_mm)),
-        }
+        Self { encoder, interface: outcomes(&windows, flag, Some(&interface.slid_mm)) }
     }
 }
 
@@ -91,11 +82,8 @@ fn outcomes(intervals: &[Interval], flag: &[u8], position_mm: Option<&[f32]>) ->
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct EventFigures {
     pub(crate) events: usize,
-    /// Flagged at or after the onset.
     pub(crate) hits: usize,
-    /// Flagged up to 50 ms before the onset.
     pub(crate) early: usize,
-    /// Not flagged in time.
     pub(crate) missed: usize,
     pub(crate) early_share: Option<f64>,
     pub(crate) miss_share: Option<f64>,
@@ -153,7 +141,7 @@ impl EventFigures {
         let mut from_onset: Vec<f64> =
             outcomes.iter().map(|o| o.from_onset.map_or(f64::INFINITY, |frames| frames as f64)).collect();
         from_onset.sort_by(f64::total_cmp);
-        let at_onset = |o: &&&Outcome| o.from_onset == Some(0);
+        let of_events = |is: fn(&Outcome) -> bool| share(outcomes.iter().filter(|o| is(o)).count(), events);
         let mut travel: Vec<f64> = outcomes.iter().filter_map(|outcome| outcome.travel_mm).collect();
         travel.sort_by(f64::total_cmp);
         let hits_with_travel = travel.len();
@@ -179,11 +167,8 @@ impl EventFigures {
             latency_mean_of_hits_frames: (hits > 0)
                 .then(|| latency[..hits].iter().sum::<f64>() / hits as f64),
             from_onset_median_frames: median(&from_onset),
-            at_onset_share: share(outcomes.iter().filter(at_onset).count(), events),
-            at_onset_with_transition_share: share(
-                outcomes.iter().filter(at_onset).filter(|o| !o.was_up).count(),
-                events,
-            ),
+            at_onset_share: of_events(|o| o.from_onset == Some(0)),
+            at_onset_with_transition_share: of_events(|o| o.from_onset == Some(0) && !o.was_up),
             early_or_within_5_frames_share: share(early + within, events),
             early_or_at_onset_share: share(early + at_once, events),
             travel_median_mm: median(&travel),

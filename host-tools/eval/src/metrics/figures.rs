@@ -55,15 +55,15 @@ pub(crate) struct Figures {
 impl Figures {
     pub(crate) fn new<'a>(records: impl IntoIterator<Item = &'a EpisodeRecord>) -> Self {
         let (mut frames, mut alarms) = (FrameCounts::default(), AlarmCounts::default());
-        let (mut encoder, mut interface, mut without, mut episodes) = (Vec::new(), Vec::new(), 0, 0);
+        let (mut encoder, mut interface, mut episodes) = (Vec::new(), Vec::new(), 0);
         for record in records {
             frames.add(&record.frames);
             alarms.add(&record.alarms);
             encoder.extend(&record.events.encoder);
             interface.extend(&record.events.interface);
-            without += record.events.without_interface;
             episodes += 1;
         }
+        let without = encoder.len() - interface.len();
         Self {
             episodes,
             frames: frames.all.frames(),

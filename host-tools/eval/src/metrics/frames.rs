@@ -19,7 +19,6 @@ use slipsense_recording::score::{ClassScores, MARGIN_FRAMES, SLIP};
 use super::statistics::share;
 use crate::truth::Truth;
 
-/// Frames left out on each side of an onset or end.
 const GUARD_FRAMES: usize = 2;
 
 pub(crate) const CLASS_NAMES: [&str; CLASSES] = ["no_contact", "no_slip", "slip"];
@@ -77,13 +76,10 @@ pub struct FrameFigures {
     /// `[truth][predicted]`, classes no contact, no slip, slip.
     pub(crate) confusion_frames: [[u64; CLASSES]; CLASSES],
     pub(crate) accuracy_share: Option<f64>,
-    /// Mean F1 of the classes that occur.
     pub(crate) macro_f1: Option<f64>,
     pub(crate) classes: Vec<ClassFigures>,
-    /// False slip frames of the frames that do not slip.
     pub(crate) fpr_of_non_slip_share: Option<f64>,
     pub(crate) fpr_of_all_share: Option<f64>,
-    /// Slip among the frames with contact.
     pub(crate) contact_only_slip: ClassFigures,
     pub(crate) guard_band: GuardFigures,
 }

@@ -1,8 +1,7 @@
 //! What the threshold trades: false alarms against latency and misses.
 //!
-//! At a threshold, a frame is slip where its score is above the threshold, else its
-//! fallback class. Thresholds of the curve are quantiles of the scores of the frames that do
-//! not slip, evenly spaced in the logarithm of the false-positive rate.
+//! Thresholds of the curve are quantiles of the scores of the frames that do not slip, evenly spaced in the logarithm
+//! of the false-positive rate.
 //!
 //! The operating point is fixed on validation data and applied unchanged: the lowest threshold whose FPR
 //! (of the frames that do not slip) does not exceed the target there. Scores equal to each other fall on

@@ -2,7 +2,6 @@
 
 use statrs::distribution::{Beta, ChiSquared, ContinuousCDF};
 
-/// Confidence of all intervals.
 pub(crate) const CONFIDENCE: f64 = 0.95;
 
 /// Clopper–Pearson interval of a share: exact, two-sided, 95 %. None without trials.
@@ -32,16 +31,15 @@ pub(crate) fn percentile(sorted: &[f64], p: f64) -> Option<f64> {
     sorted.get(rank - 1).copied().filter(|value| value.is_finite())
 }
 
-/// Median of sorted values: the mean of the middle two where their number is even. None where that is
-/// infinite, or without values.
+/// Median of sorted values: the mean of the middle two where their number is even. None without values.
+pub(crate) fn median_or_infinity(sorted: &[f64]) -> Option<f64> {
+    let upper = *sorted.get(sorted.len() / 2)?;
+    Some(if sorted.len() % 2 == 1 { upper } else { (sorted[sorted.len() / 2 - 1] + upper) / 2.0 })
+}
+
+/// The same; none where it is infinite too.
 pub(crate) fn median(sorted: &[f64]) -> Option<f64> {
-    let middle = sorted.len() / 2;
-    let value = match sorted.len() {
-        0 => return None,
-        n if n % 2 == 1 => sorted[middle],
-        _ => (sorted[middle - 1] + sorted[middle]) / 2.0,
-    };
-    value.is_finite().then_some(value)
+    median_or_infinity(sorted).filter(|value| value.is_finite())
 }
 
 /// None without values.

@@ -31,19 +31,26 @@ pub(crate) struct QuantizationRow {
 }
 
 impl QuantizationRow {
-    fn new(input: &str, seed: &str, same: Option<f64>, [integer, float]: [&Figures; 2]) -> Self {
-        let points = |of: fn(&Figures) -> Option<f64>| Some(100.0 * (of(integer)? - of(float)?));
+    /// From the figures in the order of the fields.
+    fn new(input: &str, seed: String, [same, f1, fpr, integer, float]: [Option<f64>; 5]) -> Self {
+        let within = |points: Option<f64>, most: f64| points.is_some_and(|points| points.abs() < most);
         Self {
-            same_class_share: same,
-            macro_f1_difference_points: points(|f| f.frame.macro_f1),
-            fpr_of_non_slip_difference_points: points(|f| f.frame.fpr_of_non_slip_share),
-            latency_integer_frames: integer.encoder_events.latency_median_frames,
-            latency_float_frames: float.encoder_events.latency_median_frames,
             input: input.to_owned(),
-            seed: seed.to_owned(),
-            met: false,
+            seed,
+            same_class_share: same,
+            macro_f1_difference_points: f1,
+            fpr_of_non_slip_difference_points: fpr,
+            latency_integer_frames: integer,
+            latency_float_frames: float,
+            met: within(f1, MACRO_F1_POINTS) && within(fpr, FPR_POINTS) && integer == float,
         }
-        .with_met()
+    }
+
+    fn of_seed(input: &str, seed: &str, same: Option<f64>, [integer, float]: [&Figures; 2]) -> Self {
+        let points = |of: fn(&Figures) -> Option<f64>| Some(100.0 * (of(integer)? - of(float)?));
+        let (f1, fpr) = (points(|f| f.frame.macro_f1), points(|f| f.frame.fpr_of_non_slip_share));
+        let latencies = [integer, float].map(|figures| figures.encoder_events.latency_median_frames);
+        Self::new(input, seed.to_owned(), [same, f1, fpr, latencies[0], latencies[1]])
     }
 
     /// The mean of several seeds' rows of one input, signs kept; none of no rows. Infinite latencies that are
@@ -52,25 +59,14 @@ impl QuantizationRow {
         let of = |value: fn(&Self) -> Option<f64>| {
             mean(&rows.iter().map(value).collect::<Option<Vec<f64>>>().unwrap_or_default())
         };
-        let row = Self {
-            input: rows.first()?.input.clone(),
-            seed: format!("mean of {}", rows.len()),
-            same_class_share: of(|row| row.same_class_share),
-            macro_f1_difference_points: of(|row| row.macro_f1_difference_points),
-            fpr_of_non_slip_difference_points: of(|row| row.fpr_of_non_slip_difference_points),
-            latency_integer_frames: of(|row| row.latency_integer_frames),
-            latency_float_frames: of(|row| row.latency_float_frames),
-            met: false,
-        };
-        Some(row.with_met())
-    }
-
-    fn with_met(self) -> Self {
-        let within = |points: Option<f64>, most: f64| points.is_some_and(|points| points.abs() < most);
-        let met = within(self.macro_f1_difference_points, MACRO_F1_POINTS)
-            && within(self.fpr_of_non_slip_difference_points, FPR_POINTS)
-            && self.latency_integer_frames == self.latency_float_frames;
-        Self { met, ..self }
+        let figures = [
+            of(|row| row.same_class_share),
+            of(|row| row.macro_f1_difference_points),
+            of(|row| row.fpr_of_non_slip_difference_points),
+            of(|row| row.latency_integer_frames),
+            of(|row| row.latency_float_frames),
+        ];
+        Some(Self::new(&rows.first()?.input, format!("mean of {}", rows.len()), figures))
     }
 }
 
@@ -86,7 +82,7 @@ pub(crate) fn quantization_rows(
         let row = |(pair, [(name, integer), (_, float)]): (usize, &[(&str, &[InputFigures]); 2])| {
             let (integer, float) = (&integer[input], &float[input]);
             let figures = [&integer.figures, &float.figures];
-            QuantizationRow::new(&integer.input, name, same(pair, input), figures)
+            QuantizationRow::of_seed(&integer.input, name, same(pair, input), figures)
         };
         let seeds: Vec<QuantizationRow> = pairs.iter().enumerate().map(row).collect();
         let mean = QuantizationRow::mean(&seeds).filter(|_| seeds.len() > 1);
@@ -107,28 +103,24 @@ mod tests {
         figures
     }
 
+    fn row(f1: f64, fpr: f64, latency: Option<f64>) -> QuantizationRow {
+        let float = figures(0.9600, 0.0100, Some(2.0));
+        QuantizationRow::of_seed("palm", "network", None, [&figures(f1, fpr, latency), &float])
+    }
+
     #[test]
     fn every_bound_counts() {
-        let float = figures(0.9600, 0.0100, Some(2.0));
-        let met = |f1, fpr, latency| {
-            QuantizationRow::new("palm", "network", None, [&figures(f1, fpr, latency), &float]).met
-        };
+        let met = |f1, fpr, latency| row(f1, fpr, latency).met;
         assert!(met(0.9581, 0.0109, Some(2.0)) && met(0.9619, 0.0091, Some(2.0)));
         assert!(!met(0.9579, 0.0100, Some(2.0)) && !met(0.9621, 0.0100, Some(2.0)), "F1");
         assert!(!met(0.9600, 0.0111, Some(2.0)) && !met(0.9600, 0.0089, Some(2.0)), "FPR");
         assert!(!met(0.9600, 0.0100, Some(2.5)) && !met(0.9600, 0.0100, None), "latency");
-        let nothing =
-            QuantizationRow::new("palm", "network", None, [&Figures::default(), &Figures::default()]);
-        assert!(!nothing.met, "no figure is no success");
+        assert!(!QuantizationRow::new("palm", String::new(), [None; 5]).met, "no figure is no success");
     }
 
     #[test]
     fn the_mean_keeps_signs() {
-        let row = |f1| {
-            let float = figures(0.96, 0.01, Some(2.0));
-            QuantizationRow::new("palm", "network#1", None, [&figures(f1, 0.01, Some(2.0)), &float])
-        };
-        let (up, down) = (row(0.963), row(0.958));
+        let (up, down) = (row(0.963, 0.01, Some(2.0)), row(0.958, 0.01, Some(2.0)));
         assert!(!up.met && !down.met);
         let mean = QuantizationRow::mean(&[up, down]).unwrap();
         assert!((mean.macro_f1_difference_points.unwrap() - 0.05).abs() < 1e-9 && mean.met);

@@ -184,27 +184,22 @@ pub(crate) struct Spread {
 impl Results {
     /// Compute everything. `pairs` are positions of candidates that should be the same.
     pub fn new(inputs: &[Input], candidates: &[Candidate<'_>], run: &Run, pairs: &[(usize, usize)]) -> Self {
-        let info: Vec<InputInfo> = inputs
-            .iter()
-            .zip(&run.of_input)
-            .map(|(input, range)| InputInfo::new(&input.name, &run.truths[range.clone()]))
-            .collect();
-        let detectors: Vec<DetectorResults> = candidates
-            .par_iter()
-            .enumerate()
-            .map(|(e, candidate)| detector(inputs, candidate, e, run))
-            .collect();
+        let infos = inputs.iter().zip(&run.of_input);
+        let infos = infos.map(|(input, range)| InputInfo::new(&input.name, &run.truths[range.clone()]));
+        let of_candidate = |(e, candidate)| detector(inputs, candidate, e, run);
+        let detectors: Vec<DetectorResults> = candidates.par_iter().enumerate().map(of_candidate).collect();
         let same = |pair: usize, input: usize| {
             let episodes = run.of_input[input].clone();
             let [a, b] = [pairs[pair].0, pairs[pair].1].map(|e| &run.predictions[e][episodes.clone()]);
             let classes = a.iter().flat_map(|of| &of.class).zip(b.iter().flat_map(|of| &of.class));
             share(classes.clone().filter(|(a, b)| a == b).count(), classes.count())
         };
-        let compare = |detector: &DetectorResults, candidate: &Candidate<'_>| -> Vec<Comparison> {
+        let of_candidates = || candidates.iter().zip(&detectors);
+        let paper = of_candidates().flat_map(|(candidate, detector)| {
             let find = |on: &InputFigures| Comparison::find(&candidate.family, &on.input, &on.figures);
-            detector.inputs.iter().filter_map(find).collect()
-        };
-        let seeds = candidates.iter().zip(&detectors).filter(|(candidate, _)| candidate.family == NETWORK);
+            detector.inputs.iter().filter_map(find)
+        });
+        let seeds = of_candidates().filter(|(candidate, _)| candidate.family == NETWORK);
         let seeds: Vec<&[InputFigures]> = seeds.map(|(_, detector)| &detector.inputs[..]).collect();
         let inputs_of = |e: usize| (detectors[e].name.as_str(), &detectors[e].inputs[..]);
         let named_pairs: Vec<_> = pairs.iter().map(|&(a, b)| [inputs_of(a), inputs_of(b)]).collect();
@@ -219,9 +214,9 @@ impl Results {
             targets: target_rows(&seeds),
             integer_against_float: quantization_rows(&named_pairs, same),
             seeds: spreads(candidates, &detectors),
-            paper: detectors.iter().zip(candidates).flat_map(|(d, e)| compare(d, e)).collect(),
+            paper: paper.collect(),
             null_reasons: NULL_REASONS.into(),
-            inputs: info,
+            inputs: infos.collect(),
             detectors,
         }
     }
@@ -256,21 +251,17 @@ impl InputInfo {
 }
 
 /// Positions of the episodes of all inputs but validation, or of validation if there is nothing else.
-fn tested(inputs: &[Input], run: &Run) -> Vec<usize> {
-    let all = |with_validation: bool| -> Vec<usize> {
-        let inputs = inputs.iter().zip(&run.of_input);
-        let wanted = inputs.filter(|(input, _)| with_validation || input.name != VALIDATION);
-        wanted.flat_map(|(_, range)| range.clone()).collect()
-    };
-    let tested = all(false);
-    if tested.is_empty() { all(true) } else { tested }
+fn tested(truths: &[Truth]) -> Vec<usize> {
+    let all = 0..truths.len();
+    let tested: Vec<usize> = all.clone().filter(|&i| truths[i].info.input != VALIDATION).collect();
+    if tested.is_empty() { all.collect() } else { tested }
 }
 
 fn detector(inputs: &[Input], candidate: &Candidate<'_>, e: usize, run: &Run) -> DetectorResults {
     let predicted: Vec<(&Truth, &Prediction)> = run.truths.iter().zip(&run.predictions[e]).collect();
     let record = |(truth, prediction): &(&Truth, &Prediction)| EpisodeRecord::new(truth, &prediction.class);
     let records: Vec<EpisodeRecord> = predicted.iter().map(record).collect();
-    let tested = tested(inputs, run);
+    let tested = tested(&run.truths);
     let of_tested: Vec<_> = tested.iter().map(|&i| (&run.truths[i], &records[i])).collect();
     let tested_records: Vec<&EpisodeRecord> = tested.iter().map(|&i| &records[i]).collect();
     let tested_predicted: Vec<_> = tested.iter().map(|&i| predicted[i]).collect();
@@ -348,9 +339,8 @@ fn speed_cdfs(episodes: &[(&Truth, &EpisodeRecord)]) -> Vec<SpeedCdf> {
 
 fn spreads(candidates: &[Candidate<'_>], detectors: &[DetectorResults]) -> Vec<Spread> {
     let mut spreads = Vec::new();
-    for seeds in
-        candidates.iter().zip(detectors).collect::<Vec<_>>().chunk_by(|a, b| a.0.family == b.0.family)
-    {
+    let of_candidates: Vec<_> = candidates.iter().zip(detectors).collect();
+    for seeds in of_candidates.chunk_by(|a, b| a.0.family == b.0.family) {
         let [(candidate, first), _, ..] = seeds else { continue };
         for (i, input) in first.inputs.iter().enumerate() {
             let spread = |value: fn(&Figures) -> Option<f64>| -> Option<[f64; 3]> {

@@ -10,7 +10,7 @@ use crate::metrics::statistics::{mean, standard_deviation};
 
 /// A figure with a target. Percentages are of 100; latencies are medians in frames of 4.17 ms.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Measure {
+struct Measure {
     /// Words for tables, with the unit.
     name: &'static str,
     /// More is better: the bound is a least value, else a most.
@@ -44,37 +44,28 @@ const WITHIN_5_FRAMES: Measure =
 const AT_ONSET: Measure =
     measure("early or at onset %", true, 100.0, |f| f.encoder_events.early_or_at_onset_share);
 
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Target {
-    input: &'static str,
-    measure: Measure,
-    /// Least or most, by [`Measure::more_is_better`]; in the measure's unit.
-    bound: f64,
-}
-
-const fn target(input: &'static str, measure: Measure, bound: f64) -> Target {
-    Target { input, measure, bound }
-}
+/// A split, a measure, and its least or most by [`Measure::more_is_better`], in the measure's unit.
+type Target = (&'static str, Measure, f64);
 
 /// All targets, split by split. Whether early events count in a target's latency is not stated, so both latencies
 /// are held against it.
 const TARGETS: [Target; 16] = [
-    target("umi_id", MACRO_F1, 96.8),
-    target("umi_id", FPR, 1.33),
-    target("umi_id", LATENCY_FROM_ONSET, 2.0),
-    target("umi_id", LATENCY_WITHOUT_EARLY, 2.0),
-    target("umi_id", WITHIN_5_FRAMES, 76.0),
-    target("umi_id", AT_ONSET, 43.0),
-    target("umi_ood", MACRO_F1, 95.8),
-    target("umi_ood", FPR, 1.57),
-    target("umi_ood", LATENCY_FROM_ONSET, 1.5),
-    target("umi_ood", LATENCY_WITHOUT_EARLY, 1.5),
-    target("umi_ood", WITHIN_5_FRAMES, 76.0),
-    target("umi_ood", AT_ONSET, 43.0),
-    target("palm", MACRO_F1, 94.6),
-    target("tesollo2", MACRO_F1, 94.4),
-    target("tesollo2", FPR, 1.14),
-    target("tesollo3", MACRO_F1, 90.0),
+    ("umi_id", MACRO_F1, 96.8),
+    ("umi_id", FPR, 1.33),
+    ("umi_id", LATENCY_FROM_ONSET, 2.0),
+    ("umi_id", LATENCY_WITHOUT_EARLY, 2.0),
+    ("umi_id", WITHIN_5_FRAMES, 76.0),
+    ("umi_id", AT_ONSET, 43.0),
+    ("umi_ood", MACRO_F1, 95.8),
+    ("umi_ood", FPR, 1.57),
+    ("umi_ood", LATENCY_FROM_ONSET, 1.5),
+    ("umi_ood", LATENCY_WITHOUT_EARLY, 1.5),
+    ("umi_ood", WITHIN_5_FRAMES, 76.0),
+    ("umi_ood", AT_ONSET, 43.0),
+    ("palm", MACRO_F1, 94.6),
+    ("tesollo2", MACRO_F1, 94.4),
+    ("tesollo2", FPR, 1.14),
+    ("tesollo3", MACRO_F1, 90.0),
 ];
 
 /// Ours beside one target.
@@ -96,37 +87,33 @@ pub(crate) struct TargetRow {
     pub(crate) met: bool,
 }
 
-impl Target {
-    /// Ours beside it, from the figures of each seed on the target's split. No seed: not met.
-    fn row(&self, seeds: &[&Figures]) -> TargetRow {
-        let seed_values: Vec<Option<f64>> = seeds
-            .iter()
-            .map(|figures| (self.measure.value)(figures).map(|value| self.measure.factor * value))
-            .collect();
-        let values = seed_values.iter().copied().collect::<Option<Vec<f64>>>().unwrap_or_default();
-        let mean = mean(&values);
-        let at_least = self.measure.more_is_better;
-        let keeps = |mean: f64| if at_least { mean >= self.bound } else { mean <= self.bound };
-        TargetRow {
-            input: self.input.to_owned(),
-            measure: self.measure.name,
-            at_least,
-            bound: self.bound,
-            seed_values,
-            mean,
-            standard_deviation: standard_deviation(&values),
-            met: mean.is_some_and(keeps),
-        }
+/// Ours beside a target, from the figures of each seed on the target's split. No seed: not met.
+fn row((input, measure, bound): Target, seeds: &[&Figures]) -> TargetRow {
+    let value = |figures: &&Figures| (measure.value)(figures).map(|value| measure.factor * value);
+    let seed_values: Vec<Option<f64>> = seeds.iter().map(value).collect();
+    let values = seed_values.iter().copied().collect::<Option<Vec<f64>>>().unwrap_or_default();
+    let mean = mean(&values);
+    let at_least = measure.more_is_better;
+    let keeps = |mean: f64| if at_least { mean >= bound } else { mean <= bound };
+    TargetRow {
+        input: input.to_owned(),
+        measure: measure.name,
+        at_least,
+        bound,
+        seed_values,
+        mean,
+        standard_deviation: standard_deviation(&values),
+        met: mean.is_some_and(keeps),
     }
 }
 
 /// The network beside the targets of the splits that were evaluated; `seeds` are its figures input by input.
 pub(crate) fn target_rows(seeds: &[&[InputFigures]]) -> Vec<TargetRow> {
-    let row = |target: &Target| {
-        let at = seeds.first()?.iter().position(|input| input.input == target.input)?;
-        Some(target.row(&seeds.iter().map(|seed| &seed[at].figures).collect::<Vec<_>>()))
+    let beside = |target: Target| {
+        let at = seeds.first()?.iter().position(|input| input.input == target.0)?;
+        Some(row(target, &seeds.iter().map(|seed| &seed[at].figures).collect::<Vec<_>>()))
     };
-    TARGETS.iter().filter_map(row).collect()
+    TARGETS.into_iter().filter_map(beside).collect()
 }
 
 #[cfg(test)]
@@ -144,23 +131,23 @@ mod tests {
     fn means_decide_and_missing_seeds_do_not_pass() {
         let seeds = [figures(0.966, Some(2.0)), figures(0.969, Some(2.5)), figures(0.972, Some(1.0))];
         let seeds: Vec<&Figures> = seeds.iter().collect();
-        let row = |measure, bound| target("umi_id", measure, bound).row(&seeds);
-        let f1 = row(MACRO_F1, 96.8);
+        let umi_id = |measure, bound| row(("umi_id", measure, bound), &seeds);
+        let f1 = umi_id(MACRO_F1, 96.8);
         assert!(f1.met && f1.at_least);
         assert!(
             (f1.mean.unwrap() - 96.9).abs() < 1e-9 && (f1.standard_deviation.unwrap() - 0.3).abs() < 1e-9
         );
-        assert!(!row(MACRO_F1, 97.0).met);
-        let latency = row(LATENCY_FROM_ONSET, 2.0);
+        assert!(!umi_id(MACRO_F1, 97.0).met);
+        let latency = umi_id(LATENCY_FROM_ONSET, 2.0);
         assert!(latency.met && !latency.at_least, "5.5 / 3 frames");
-        assert!(!row(LATENCY_FROM_ONSET, 1.5).met);
+        assert!(!umi_id(LATENCY_FROM_ONSET, 1.5).met);
         // A median at infinity in one seed is no mean, and no figure is no success.
         let missed = figures(0.97, None);
-        let row = target("umi_id", LATENCY_FROM_ONSET, 2.0).row(&[seeds[0], &missed]);
-        assert_eq!((row.mean, row.met), (None, false));
-        assert_eq!(row.seed_values, [Some(2.0), None]);
-        assert!(!target("umi_id", FPR, 1.33).row(&seeds).met);
-        let one = target("palm", MACRO_F1, 94.6).row(&seeds[..1]);
+        let missing = row(("umi_id", LATENCY_FROM_ONSET, 2.0), &[seeds[0], &missed]);
+        assert_eq!((missing.mean, missing.met), (None, false));
+        assert_eq!(missing.seed_values, [Some(2.0), None]);
+        assert!(!umi_id(FPR, 1.33).met);
+        let one = row(("palm", MACRO_F1, 94.6), &seeds[..1]);
         assert_eq!((one.met, one.standard_deviation), (true, None));
     }
 }

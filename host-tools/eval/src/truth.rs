@@ -67,6 +67,7 @@ pub struct EpisodeInfo {
     /// Speed of the pull, mm/s; none where nothing pulls.
     pub(crate) speed_mm_s: Option<f64>,
     pub(crate) grip_n: Option<f64>,
+    /// A generator made it.
     pub(crate) synthetic: bool,
 }
 
@@ -83,6 +84,7 @@ impl EpisodeInfo {
     fn new(meta: &Meta, sensors: usize, input: &str, name: &str) -> Result<Self> {
         let text = |key: &str| meta.other.get(key).and_then(Value::as_str).map(str::to_owned);
         let number = |key: &str| meta.other.get(key).and_then(Value::as_f64);
+        let flag = meta.other.get("synthetic").and_then(Value::as_bool).unwrap_or(false);
         Ok(Self {
             input: input.to_owned(),
             name: name.to_owned(),
@@ -95,16 +97,9 @@ impl EpisodeInfo {
             region: text("region"),
             speed_mm_s: number("speed_mm_s"),
             grip_n: number("grip_n"),
-            synthetic: is_synthetic(meta),
+            synthetic: flag || text("source").is_some_and(|source| source.contains("synthetic")),
         })
     }
-}
-
-/// Whether an episode's metadata says that a generator made it.
-fn is_synthetic(meta: &Meta) -> bool {
-    let flag = meta.other.get("synthetic").and_then(Value::as_bool).unwrap_or(false);
-    let source = meta.other.get("source").and_then(Value::as_str).unwrap_or_default();
-    flag || source.contains("synthetic")
 }
 
 /// One episode's truth: all that the metrics need of it.
@@ -198,14 +193,11 @@ impl Interface {
             slip.iter().position(|&(start, _)| (from..end).contains(&start))
         };
         let of_label = labelled.iter().map(belongs).collect();
-        let mut slid = 0.0;
-        let slid_mm = speed_mm_s
-            .iter()
-            .map(|&speed| {
-                slid += f64::from(speed) / f64::from(FRAME_RATE_HZ);
-                slid as f32
-            })
-            .collect();
+        let slid_mm = speed_mm_s.iter().scan(0.0, |slid, &speed| {
+            *slid += f64::from(speed) / f64::from(FRAME_RATE_HZ);
+            Some(*slid as f32)
+        });
+        let slid_mm = slid_mm.collect();
         Self { slip, mostly_sliding: mostly_sliding(speed_mm_s, fraction), of_label, slid_mm }
     }
 }

@@ -3,6 +3,8 @@
 use anyhow::{Context, Result, bail};
 use nalgebra::{DMatrix, DVector};
 
+use crate::fitted::Odds;
+
 /// Penalty on the squared weights, not on the intercept: ½ · this · Σw² beside the sum of the frames'
 /// losses (scikit-learn's `C = 1`). Nothing beside thousands of frames, but it keeps the weights finite
 /// where a feature separates the classes.
@@ -12,12 +14,8 @@ const STEPS_MAX: usize = 100;
 /// Largest change of a weight at which it has converged.
 const CONVERGED: f64 = 1e-9;
 
-/// Weights and intercept of the log-odds of `true`, by Newton's method with a penalty of ½ Σw². Features
-/// should be standardised.
-pub(crate) fn logistic_regression<const N: usize>(
-    features: &[[f64; N]],
-    positive: &[bool],
-) -> Result<([f64; N], f64)> {
+/// The log-odds of `true`. Features should be standardised.
+pub(crate) fn logistic_regression<const N: usize>(features: &[[f64; N]], positive: &[bool]) -> Result<Odds> {
     let mut weights = DVector::zeros(N + 1);
     for _ in 0..STEPS_MAX {
         let mut gradient = DVector::zeros(N + 1);
@@ -42,7 +40,7 @@ pub(crate) fn logistic_regression<const N: usize>(
         let step = hessian.cholesky().context("logistic regression: singular")?.solve(&gradient);
         weights -= &step;
         if step.amax() < CONVERGED {
-            return Ok((std::array::from_fn(|i| weights[i]), weights[N]));
+            return Ok(Odds { weights: weights.as_slice()[..N].to_vec(), intercept: weights[N] });
         }
     }
     bail!("logistic regression has not converged after {STEPS_MAX} steps")

@@ -17,7 +17,7 @@ use slipsense_synth::labels::NO_SLIP;
 
 use crate::detector::{ClassOrder, NEVER};
 use crate::detectors::rig_only;
-use crate::fitted::{Cutoff, DataUsed, FORMAT, Fitted, MfccFit, Odds, RigFit};
+use crate::fitted::{Cutoff, DataUsed, FORMAT, Fitted, MfccFit, RigFit};
 use crate::gaussian::{Gaussian, Scaling};
 use crate::source::Handle;
 use logistic_regression::logistic_regression;
@@ -26,18 +26,11 @@ use youden::youden;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Plan {
-    /// Of how many frames one is used, at least 1.
+    /// Of how many frames one is used, at least 1. From 4 on the analysis windows share no sample: of a million training
+    /// frames that leaves a quarter of a million, far more than any fit here has numbers.
     pub stride: usize,
     /// Which rule makes the classes first.
     pub class_order: ClassOrder,
-}
-
-impl Default for Plan {
-    /// Every fourth frame, after which the analysis windows share no sample: of a million training frames
-    /// that leaves a quarter of a million, far more than any fit here has numbers.
-    fn default() -> Self {
-        Self { stride: 4, class_order: ClassOrder::default() }
-    }
 }
 
 /// Fit everything on these episodes, loaded on all cores and in any order, few at a time. `source` says
@@ -52,10 +45,7 @@ pub fn fit(episodes: &[Handle], source: &str, plan: Plan, done: impl Fn() + Sync
         done();
         Ok(sample)
     });
-    from_samples(samples.collect::<Result<Vec<_>>>()?, source, plan)
-}
-
-fn from_samples(samples: Vec<Sample>, source: &str, plan: Plan) -> Result<Fitted> {
+    let samples = samples.collect::<Result<Vec<_>>>()?;
     let mut class_frames = [0; CLASSES];
     let mut clock: Vec<[u64; CLASSES]> = Vec::new();
     for sample in &samples {
@@ -105,7 +95,7 @@ fn fit_cutoff(frames: &[&Frame], score: &dyn Fn(&Frame) -> f32, order: ClassOrde
         (if ruled_out { NEVER } else { score }, frame.label == SLIP)
     };
     let mut labelled: Vec<_> = scores.iter().zip(frames).map(labelled).collect();
-    let threshold = youden(&mut labelled).map_or(f32::MAX, |best| best.threshold);
+    let threshold = youden(&mut labelled).map_or(f32::MAX, |(threshold, _)| threshold);
     Cutoff { threshold, std: if variance > 0.0 { variance.sqrt() as f32 } else { 1.0 } }
 }
 
@@ -136,7 +126,6 @@ fn fit_rig(frames: &[&Frame]) -> Result<Option<RigFit>> {
         let chosen = frames.iter().zip(&terms).filter(|(f, _)| chosen(f));
         let (terms, positive): (Vec<_>, Vec<_>) = chosen.map(|(f, terms)| (*terms, f.label == class)).unzip();
         logistic_regression(&terms, &positive)
-            .map(|(weights, intercept)| Odds { weights: weights.to_vec(), intercept })
     };
     let slip = odds(&|_| true, SLIP)?;
     let held = odds(&|f| f.label != SLIP, NO_SLIP)?;

@@ -1,17 +1,9 @@
 //! The one rule by which thresholds are fitted: the largest Youden index.
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Youden {
-    /// Slip where the score is above this.
-    pub(crate) threshold: f32,
-    /// Share of the slip frames above it less share of the other frames above it, −1 to 1.
-    pub(crate) index: f64,
-}
-
-/// The threshold with the largest J = TPR − FPR, FPR among frames that do not slip; midway between two
-/// scores that occur. Of equals the highest threshold, which alarms least. `frames` are (score, is slip),
-/// finite; they come back sorted. `None` without slip or without anything else.
-pub(crate) fn youden(frames: &mut [(f32, bool)]) -> Option<Youden> {
+/// The threshold, slip being above it, with the largest J = TPR − FPR, FPR among frames that do not slip, and that J, −1
+/// to 1. It is midway between two scores that occur; of equals the highest, which alarms least. `frames` are (score, is
+/// slip), finite; they come back sorted. `None` without slip or without anything else.
+pub(crate) fn youden(frames: &mut [(f32, bool)]) -> Option<(f32, f64)> {
     let slips = frames.iter().filter(|(_, slip)| *slip).count() as f64;
     let others = frames.len() as f64 - slips;
     if slips == 0.0 || others == 0.0 {
@@ -19,7 +11,7 @@ pub(crate) fn youden(frames: &mut [(f32, bool)]) -> Option<Youden> {
     }
     frames.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(b.1.cmp(&a.1)));
     let (mut hits, mut false_hits) = (0.0, 0.0);
-    let mut best = Youden { threshold: frames[0].0, index: 0.0 };
+    let mut best = (frames[0].0, 0.0);
     for i in 0..frames.len() {
         let (score, slip) = frames[i];
         if slip {
@@ -31,10 +23,10 @@ pub(crate) fn youden(frames: &mut [(f32, bool)]) -> Option<Youden> {
             continue;
         };
         let index = hits / slips - false_hits / others;
-        if index > best.index {
+        if index > best.1 {
             // Halves first: the sum of two scores may not be finite.
             let midway = score / 2.0 + below / 2.0;
-            best = Youden { threshold: if midway < score { midway } else { below }, index };
+            best = (if midway < score { midway } else { below }, index);
         }
     }
     Some(best)
@@ -64,11 +56,10 @@ mod tests {
             (&[(1.0, yes)], None),
         ];
         for (frames, expected) in cases {
-            let found = youden(&mut frames.to_vec()).map(|best| (best.threshold, best.index));
-            assert_eq!(found, expected, "{frames:?}");
+            assert_eq!(youden(&mut frames.to_vec()), expected, "{frames:?}");
         }
         // Neighbouring floats are separated.
-        let found = youden(&mut [(1.0f32.next_up(), yes), (1.0, no)]).unwrap();
-        assert!(1.0f32.next_up() > found.threshold && 1.0 <= found.threshold);
+        let (threshold, _) = youden(&mut [(1.0f32.next_up(), yes), (1.0, no)]).unwrap();
+        assert!(1.0f32.next_up() > threshold && 1.0 <= threshold);
     }
 }

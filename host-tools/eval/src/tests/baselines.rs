@@ -30,13 +30,10 @@ fn vectors() -> Vectors {
 
 /// Largest distance; the vectors have nine decimals.
 fn compare(what: &str, pairs: impl Iterator<Item = (f64, f64)>, allowed: f64) {
-    let (mut count, mut largest) = (0, 0f64);
-    for (found, expected) in pairs {
-        largest = largest.max((found - expected).abs());
-        count += 1;
-    }
-    println!("{what}: {count} numbers, off by {largest:.1e} at most (allowed {allowed:.0e})");
-    assert!(count > 0 && largest <= allowed, "{what}");
+    let off: Vec<f64> = pairs.map(|(found, expected)| (found - expected).abs()).collect();
+    let largest = off.iter().copied().fold(0.0, f64::max);
+    println!("{what}: {} numbers, off by {largest:.1e} at most (allowed {allowed:.0e})", off.len());
+    assert!(!off.is_empty() && largest <= allowed, "{what}");
 }
 
 #[test]
@@ -67,7 +64,7 @@ fn log_ratios_as_scikit_learn_has_them() {
 fn logistic_regression_as_scikit_learn_has_it() {
     let vectors = vectors();
     let positive: Vec<bool> = (0..vectors.points.len()).map(|i| i >= vectors.points.len() / 2).collect();
-    let (weights, intercept) = logistic_regression(&vectors.points, &positive).unwrap();
-    let found = weights.into_iter().chain([intercept]);
+    let odds = logistic_regression(&vectors.points, &positive).unwrap();
+    let found = odds.weights.into_iter().chain([odds.intercept]);
     compare("logistic regression", found.zip(vectors.weights.into_iter().chain(vectors.intercept)), 1e-7);
 }

@@ -285,9 +285,10 @@ fn fitting_repeats_itself_and_refuses_held_out_objects() {
     let base = Recipe { seconds: Some(5.0), scenario: ScenarioChoice::SixStep, ..Recipe::new(2) };
     let handle = |recipe: Recipe| Handle::Recipe { name: "this one".into(), recipe: Box::new(recipe) };
     let episodes: Vec<_> = base.series(4).into_iter().map(handle).collect();
-    let run = || fit(&episodes, "test", Plan::default(), || ()).unwrap();
+    let plan = Plan { stride: 4, class_order: ClassOrder::SlipFirst };
+    let run = || fit(&episodes, "test", plan, || ()).unwrap();
     assert_eq!(run(), run());
     let held_out = [handle(Recipe { object: ObjectChoice::HeldOut, ..base })];
-    let error = format!("{:#}", fit(&held_out, "test", Plan::default(), || ()).unwrap_err());
+    let error = format!("{:#}", fit(&held_out, "test", plan, || ()).unwrap_err());
     assert!(error.starts_with("this one: ") && error.contains("held out"), "{error}");
 }

@@ -30,17 +30,13 @@ fn slips_are_grouped_by_direction_and_input() {
         ("free", slipping("rotation", Some("rotational")), Some(120)),
         ("free", with(episode(300, &[]), "slip_direction", Value::Null), Some(40)),
     ];
-    let records: Vec<(Truth, EpisodeRecord)> = cases
-        .iter()
-        .map(|(input, episode, flag)| {
-            let truth = Truth::new(episode, input, "episode").unwrap();
-            let flags: Vec<Range<usize>> = flag.iter().map(|&from| from..200).collect();
-            let record = EpisodeRecord::new(&truth, &class(300, &flags));
-            (truth, record)
-        })
-        .collect();
-    let episodes: Vec<(&Truth, &EpisodeRecord)> =
-        records.iter().map(|(truth, record)| (truth, record)).collect();
+    let records = cases.map(|(input, episode, flag)| {
+        let truth = Truth::new(&episode, input, "episode").unwrap();
+        let flags: Vec<Range<usize>> = flag.iter().map(|&from| from..200).collect();
+        let record = EpisodeRecord::new(&truth, &class(300, &flags));
+        (truth, record)
+    });
+    let episodes = records.each_ref().map(|(truth, record)| (truth, record));
     let found = by_direction(&episodes);
     use DirectionClass::{OtherInPlane, Rotational, VerticalHand, VerticalRig};
     let expected = [

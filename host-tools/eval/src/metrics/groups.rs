@@ -27,6 +27,9 @@ pub(crate) fn grip_bounds_n<'a>(truths: impl IntoIterator<Item = &'a Truth>) -> 
     (!grips.is_empty()).then(|| [1, 2].map(|third| grips[third * grips.len() / 3]))
 }
 
+/// What an episode has in common with others of its group; none where its metadata does not say.
+type Key<'a> = &'a dyn Fn(&EpisodeInfo) -> Option<String>;
+
 pub(crate) fn groupings(episodes: &[(&Truth, &EpisodeRecord)]) -> Vec<Grouping> {
     let grip = grip_bounds_n(episodes.iter().map(|(truth, _)| *truth));
     let tercile = |info: &EpisodeInfo| {
@@ -40,7 +43,6 @@ pub(crate) fn groupings(episodes: &[(&Truth, &EpisodeRecord)]) -> Vec<Grouping> 
     let speed = |info: &EpisodeInfo| {
         Some(info.speed_mm_s.map_or("nothing pulls".to_owned(), |v| format!("{v} mm/s")))
     };
-    type Key<'a> = &'a dyn Fn(&EpisodeInfo) -> Option<String>;
     let by: [(&'static str, Key<'_>); 9] = [
         ("input", &|info| Some(info.input.clone())),
         ("speed", &speed),
@@ -52,14 +54,10 @@ pub(crate) fn groupings(episodes: &[(&Truth, &EpisodeRecord)]) -> Vec<Grouping> 
         ("region", &|info| info.region.clone()),
         ("scenario", &|info| info.scenario.clone()),
     ];
-    by.into_iter().map(|(by, key)| grouping(by, episodes, key)).collect()
+    by.into_iter().map(|(by, key)| grouping(by, key, episodes)).collect()
 }
 
-fn grouping(
-    by: &'static str,
-    episodes: &[(&Truth, &EpisodeRecord)],
-    key: &dyn Fn(&EpisodeInfo) -> Option<String>,
-) -> Grouping {
+fn grouping(by: &'static str, key: Key<'_>, episodes: &[(&Truth, &EpisodeRecord)]) -> Grouping {
     let key = |truth: &Truth| key(&truth.info).unwrap_or_else(|| "unknown".to_owned());
     let mut values: Vec<String> = episodes.iter().map(|(truth, _)| key(truth)).collect();
     values.sort_by(|a, b| number(a).total_cmp(&number(b)).then_with(|| a.cmp(b)));

@@ -6,16 +6,16 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 use serde::Deserialize;
 use serde_json::{Value, json};
-use slipsense::net::Model;
+use slipsense::net::{Model, SensorFeatures};
 use slipsense_recording::hex;
 use slipsense_recording::model_file::SCALES_KEY;
 
-use crate::data::{Features, Reading, Source};
+use crate::data::{Features, Source};
 use crate::evaluate::{Comparison, Figures, compare};
 use crate::folder::{ObjectUses, Use};
 use crate::progress::progress;
 use crate::trace::Ranges;
-use crate::tract::{Graphs, SensorFrame, TractNetwork};
+use crate::tract::{Graphs, TractNetwork};
 use crate::train::RECORD;
 use crate::weights::Weights;
 use crate::{
@@ -141,14 +141,15 @@ pub(crate) fn measure(graphs: &Graphs, features: &Features) -> Result<Ranges> {
     for only in std::iter::once(None).chain(alone) {
         let mut network = TractNetwork::new(graphs, features.sensors)?;
         for frame in 0..features.frames() {
-            let seen = (0..features.sensors).map(|sensor| {
-                let there = only.is_none_or(|only| only == sensor);
-                let reading = there.then(|| features.reading(frame, sensor));
-                SensorFrame { piezo: reading.map(Reading::scan), xl: reading.map(|reading| &reading.xl) }
+            let scans = features.scans(frame);
+            let seen = scans.iter().enumerate().map(|(sensor, scan)| match only {
+                Some(only) if only != sensor => SensorFeatures::default(),
+                _ => SensorFeatures { piezo: Some(scan), xl: Some(features.reading(frame, sensor).xl) },
             });
             network.step(&seen.collect::<Vec<_>>())?;
+            ranges.merge(&Ranges::of(&network.trace));
+            network.trace.clear();
         }
-        ranges.merge(&network.ranges);
     }
     Ok(ranges)
 }
@@ -166,7 +167,6 @@ fn command_line(args: &QuantizeArgs) -> String {
     )
 }
 
-/// How a figure is written.
 type Show = fn(&Figures) -> String;
 
 fn table(total: &Comparison) -> String {

@@ -16,7 +16,7 @@ use slipsense_recording::model_file::SCALES_KEY;
 
 use crate::evaluate::decide;
 use crate::trace::{ACTIVATIONS, IntegerTrace, Trace};
-use crate::tract::{Graphs, SensorFrame, TractNetwork};
+use crate::tract::{Graphs, TractNetwork};
 use crate::weights::Weights;
 
 /// What becomes of one activation in integers.
@@ -32,8 +32,7 @@ pub struct ActivationError {
     pub largest: f64,
     /// Root mean square in float, real units.
     pub rms: f64,
-    /// Power of the float values over that of the integers' differences from them, dB. `None` where
-    /// nothing differs or all is zero.
+    /// Power of the float values over that of the differences, dB. `None` where nothing differs or all is zero.
     pub snr_db: Option<f64>,
     /// Largest difference, real units.
     pub worst_error: f64,
@@ -62,7 +61,6 @@ impl LayerComparison {
     }
 }
 
-/// Sums over all values of one activation.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     values: u64,
@@ -126,21 +124,16 @@ pub fn compare_activations(
     let mut sums = [Sums::default(); ACTIVATIONS.len()];
     let mut differing_frames = Vec::new();
     for frame in 0..episode.frames() {
-        let mut log_mels = Vec::with_capacity(sensors);
-        for (sensor, front_end) in front_ends.iter_mut().enumerate() {
+        let seen = front_ends.iter_mut().enumerate().map(|(sensor, front_end)| {
             front_end.push(episode.xl_batch(frame, sensor));
-            log_mels.push(front_end.log_mel().features());
-        }
-        let scans: Vec<_> = (0..sensors).map(|sensor| episode.piezo(frame, sensor)).collect();
-        let seen = scans.iter().zip(&log_mels);
-        let for_integer: Vec<_> =
-            seen.clone().map(|(scan, xl)| SensorFeatures { piezo: Some(scan), xl: Some(*xl) }).collect();
-        let for_float: Vec<_> =
-            seen.map(|(scan, xl)| SensorFrame { piezo: Some(scan.counts()), xl: Some(xl) }).collect();
-        let from_integer = network.step_observed(&for_integer, &mut integer).map(Logit::to_bits);
-        let from_float = float_network.step(&for_float)?;
+            let xl = front_end.log_mel().features();
+            SensorFeatures { piezo: Some(episode.piezo(frame, sensor)), xl: Some(xl) }
+        });
+        let seen: Vec<_> = seen.collect();
+        let from_integer = network.step_observed(&seen, &mut integer).map(Logit::to_bits);
+        let from_float = float_network.step(&seen)?;
 
-        let touched = scans.iter().any(|scan| scan.sum() >= CONTACT_SUM_MIN);
+        let touched = (0..sensors).any(|sensor| episode.piezo(frame, sensor).sum() >= CONTACT_SUM_MIN);
         if decide(touched, &from_integer) != decide(touched, &from_float) {
             differing_frames.push(frame);
         }

@@ -12,6 +12,7 @@ use indicatif::ProgressBar;
 use rayon::prelude::*;
 use slipsense::features::{LN_FRAC_BITS, XlFeatures, XlFrontEnd};
 use slipsense::params::{CONTACT_SUM_MIN, MEL_BINS, TAXELS, XL_FEATURES};
+use slipsense::sensor::PiezoFrame;
 use slipsense_recording::Episode;
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
 use slipsense_synth::{Recipe, ScenarioChoice, Split, generate_set, vary_two_of_three};
@@ -37,8 +38,7 @@ pub enum Source {
 }
 
 impl Source {
-    /// A folder where one is named, with what a person says of its objects; else the generator, whose objects have their
-    /// groups.
+    /// A folder where one is named, with what a person says of its objects; else the generator.
     pub fn new(folder: Option<&Path>, uses: ObjectUses, seed: u64) -> Self {
         match folder {
             Some(path) => Self::Folder(LabelledFolder { path: path.to_owned(), uses }),
@@ -46,8 +46,8 @@ impl Source {
         }
     }
 
-    /// Hand every episode for a use to `each`, on all cores; results in a fixed order. `count` is how
-    /// many to generate, or the most to take from a folder; what is left out there is said.
+    /// What `each` makes of every episode for a use, in order, on all cores. `count`: how many to generate, or the most
+    /// to take from a folder; what is left out there is said.
     pub fn map<T: Send>(
         &self,
         what: Use,
@@ -225,7 +225,6 @@ impl Features {
         features.into_iter().collect()
     }
 
-    /// Some of the frames.
     pub fn cut(&self, frames: std::ops::Range<usize>) -> Self {
         Self {
             sensors: self.sensors,
@@ -247,6 +246,12 @@ impl Features {
 
     pub fn reading(&self, frame: usize, sensor: usize) -> &Reading {
         &self.readings[frame * self.sensors + sensor]
+    }
+
+    /// The scans of a frame; zeros of untouched pads.
+    pub(crate) fn scans(&self, frame: usize) -> Vec<PiezoFrame> {
+        let scan = |one: &Reading| PiezoFrame::from_counts(*one.scan()).expect("counts of a scan");
+        self.readings[frame * self.sensors..][..self.sensors].iter().map(scan).collect()
     }
 
     /// The whole episode as it is, for the network in float.

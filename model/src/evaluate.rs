@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 use slipsense::fixed::Logit;
-use slipsense::net::Model;
+use slipsense::net::{Model, SensorFeatures};
 use slipsense::params::{FRAME_RATE_HZ, OUTPUTS};
 use slipsense::pipeline::{Class, Pipeline};
 use slipsense_recording::Episode;
@@ -12,7 +12,7 @@ use slipsense_recording::threshold::lowest_threshold;
 
 use crate::data::Features;
 use crate::target::Target;
-use crate::tract::{Graphs, SensorFrame, TractNetwork};
+use crate::tract::{Graphs, TractNetwork};
 
 /// Scores over any number of episodes.
 #[derive(Clone, Debug, Default)]
@@ -40,7 +40,6 @@ impl Scores {
         }
     }
 
-    /// Take in another episode's.
     pub fn add(&mut self, other: Self) {
         self.classes.add(&other.classes);
         self.detections.extend(other.detections);
@@ -72,9 +71,8 @@ impl Scores {
     }
 }
 
-/// Median delay from onset to flag over the events flagged at or after their onset and the missed ones,
-/// which count as infinite; early ones are left out. `None` where there is no such event or the median
-/// is infinite.
+/// Median delay from onset to flag; missed events count as infinite, early ones not at all. `None` where there is no
+/// such event or the median is infinite.
 pub fn median_latency(detections: &[Detection]) -> Option<f64> {
     let delay = |d: &Detection| match *d {
         Detection::Hit { delay } => Some(delay as f64),
@@ -130,7 +128,6 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Take in another episode's.
     pub fn add(&mut self, other: Self) {
         self.integer.add(other.integer);
         self.float.add(other.float);
@@ -162,10 +159,8 @@ pub fn compare(model: Model<'_>, float_graphs: &Graphs, episode: &Episode) -> Re
         let inputs = episode.inputs(frame);
         let output = pipeline.step(&inputs[..episode.sensors]);
         let features = output.log_mel.map(|log_mel| log_mel.features());
-        let seen = inputs[..episode.sensors].iter().zip(&features).map(|(input, log_mel)| SensorFrame {
-            piezo: input.piezo.map(|piezo| piezo.counts()),
-            xl: Some(log_mel),
-        });
+        let seen = inputs[..episode.sensors].iter().zip(features);
+        let seen = seen.map(|(input, xl)| SensorFeatures { piezo: input.piezo, xl: Some(xl) });
         let logits = float_network.step(&seen.collect::<Vec<_>>())?;
         let log_odds = output.log_odds.unwrap_or(Logit::from_bits((logits[OUTPUTS - 1] * 1024.0) as i32));
         for (float, integer) in logits.into_iter().zip(output.logits.into_iter().chain([log_odds])) {
@@ -196,7 +191,7 @@ pub(crate) fn classes(features: &Features, outputs: &[[f32; OUTPUTS]]) -> Vec<u8
     features.contacts().zip(outputs).map(|(touched, outputs)| decide(touched, outputs)).collect()
 }
 
-/// The pipeline's class of a frame by the network's outputs, all pads being there.
+/// The same of one frame.
 pub(crate) fn decide<T: PartialOrd>(touched: bool, [_, no_slip, slip, _]: &[T; OUTPUTS]) -> u8 {
     match (touched, slip > no_slip) {
         (false, _) => 0,

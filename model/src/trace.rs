@@ -1,12 +1,10 @@
-//! The activations of the network: their names, their largest magnitudes, and their values in one frame, from the
-//! float network or from the integer one.
+//! The activations of the float and the integer network: their names, largest magnitudes and values.
 
 use std::collections::BTreeMap;
 
 use slipsense::net::Observer;
 
-/// Activations in the order of their computation, each with one real scale, which the quantizer derives from
-/// their ranges.
+/// Activations in the order of their computation; the quantizer derives a real scale of each from its range.
 pub const ACTIVATIONS: [&str; 24] = [
     "taxels",
     "piezo.conv1",
@@ -41,15 +39,12 @@ pub struct Ranges {
 }
 
 impl Ranges {
-    pub(crate) fn record(&mut self, activation: &str, values: &[f32]) {
-        let largest = &mut self.largest[index_of(activation)];
-        *largest = values.iter().fold(*largest, |m, x| m.max(x.abs()));
+    pub fn of(trace: &Trace) -> Self {
+        let largest = |values: &Vec<f32>| values.iter().fold(0.0, |m: f32, x| m.max(x.abs()));
+        Self { largest: trace.values.each_ref().map(largest) }
     }
 
-    /// Largest magnitude seen of an activation, real units.
-    ///
-    /// # Panics
-    /// If [`ACTIVATIONS`] does not list it.
+    /// Largest magnitude seen of one of [`ACTIVATIONS`], real units. Panics at other names.
     pub fn largest(&self, activation: &str) -> f32 {
         self.largest[index_of(activation)]
     }
@@ -73,10 +68,7 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// Add values of an activation.
-    ///
-    /// # Panics
-    /// If [`ACTIVATIONS`] does not list it.
+    /// Add values of one of [`ACTIVATIONS`]. Panics at other names.
     pub fn record(&mut self, activation: &str, values: impl IntoIterator<Item = f32>) {
         self.values[index_of(activation)].extend(values);
     }
@@ -94,8 +86,7 @@ impl Trace {
 /// Records the real values of the integer network's activations.
 #[derive(Debug)]
 pub struct IntegerTrace<'s> {
-    /// Real value of one unit of each activation, as
-    /// [`activation_scales`](crate::quantize::activation_scales) gives them; all are there.
+    /// Real value of one unit of each activation; all are there.
     pub scales: &'s BTreeMap<String, f64>,
     pub trace: Trace,
 }

@@ -9,29 +9,20 @@ mod graphs;
 use std::collections::VecDeque;
 
 use anyhow::{Context, Result, ensure};
-use slipsense::features::XlFeatures;
 use slipsense::features::piezo::PiezoFrontEnd;
+use slipsense::net::SensorFeatures;
 use slipsense::net::format::Dims;
 use slipsense::params::{OUTPUTS, PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS, TAXELS, XL_FEATURES};
 use tract_core::prelude::{IntoTValue, TValue, TVec, Tensor, TypedSimpleState, tvec};
 
 use crate::piezo::{self, PIEZO_INPUT_SCALE};
-use crate::trace::{Ranges, Trace};
+use crate::trace::Trace;
 
 use graphs::Compiled;
 pub use graphs::Graphs;
 
 /// Added to the score of a cache slot that no frame has filled yet: its weight is then 0 in single precision.
 const UNFILLED: f32 = -10_000.0;
-
-/// What one sensor delivers in one frame; `None` leaves the part out of the maximum.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct SensorFrame<'a> {
-    /// ADC counts, row-major.
-    pub piezo: Option<&'a [u16; TAXELS]>,
-    /// Features of the accelerometer, Q2.13.
-    pub xl: Option<&'a XlFeatures>,
-}
 
 /// Q2.13 to real.
 pub fn xl_real(q13: i16) -> f32 {
@@ -54,9 +45,8 @@ pub struct TractNetwork {
     mask: TValue,
     /// Keys and values of the three blocks, newest frame first, `[window, width]` each.
     caches: Vec<TValue>,
-    /// Ranges of all activations so far; empty unless the graphs are [traced](Graphs::traced).
-    pub ranges: Ranges,
-    /// All activations since it was cleared, in the order of the integer network's; filled by traced graphs only.
+    /// All activations since it was cleared, in the order of the integer network's; filled by
+    /// [traced](Graphs::traced) graphs only.
     pub trace: Trace,
 }
 
@@ -72,21 +62,18 @@ impl Running {
     }
 
     /// Record the traced activations, and return the other outputs.
-    fn run(&mut self, inputs: TVec<TValue>, ranges: &mut Ranges, trace: &mut Trace) -> Result<TVec<TValue>> {
+    fn run(&mut self, inputs: TVec<TValue>, trace: &mut Trace) -> Result<TVec<TValue>> {
         let mut outputs = self.state.run(inputs)?;
         let traced = outputs.drain(outputs.len() - self.traced.len()..);
         for (activation, values) in self.traced.iter().zip(traced) {
-            let values = numbers(&values)?;
-            ranges.record(activation, &values);
-            trace.record(activation, values);
+            trace.record(activation, numbers(&values)?);
         }
         Ok(outputs)
     }
 }
 
 impl TractNetwork {
-    /// Before the first frame, for any number of sensors. Graphs are compiled once and serve any number of
-    /// networks.
+    /// Before the first frame, for any number of sensors. Graphs serve any number of networks.
     pub fn new(graphs: &Graphs, sensors: usize) -> Result<Self> {
         let dims = graphs.dims;
         let silence = VecDeque::from(vec![[0.0; XL_FEATURES]; dims.xl_kernel]);
@@ -102,19 +89,18 @@ impl TractNetwork {
             filled: 0,
             mask: zeros(&[1, dims.window])?,
             caches,
-            ranges: Ranges::default(),
             trace: Trace::default(),
         })
     }
 
     /// One frame to the network's outputs, nat. `sensors`: as many as the network was made for.
-    pub fn step(&mut self, sensors: &[SensorFrame<'_>]) -> Result<[f32; OUTPUTS]> {
+    pub fn step(&mut self, sensors: &[SensorFeatures<'_>]) -> Result<[f32; OUTPUTS]> {
         let expected = self.xl_frames.len();
         ensure!(sensors.len() == expected, "{} sensors given, {expected} expected", sensors.len());
         let (mut piezo, mut xl): (Option<Vec<f32>>, Option<Vec<f32>>) = (None, None);
         for (index, sensor) in sensors.iter().enumerate() {
             match sensor.piezo {
-                Some(counts) => keep_max(&mut piezo, self.embed_piezo(index, counts)?),
+                Some(scan) => keep_max(&mut piezo, self.embed_piezo(index, scan.counts())?),
                 None => self.pads[index].reset(),
             }
             let frame = sensor.xl.map_or([0.0; XL_FEATURES], |xl| xl.map(xl_real));
@@ -135,13 +121,13 @@ impl TractNetwork {
             change_plane[index] = f32::from(change) * PIEZO_INPUT_SCALE;
         });
         let image = tensor(&[1, PIEZO_CHANNELS, TAXEL_ROWS, TAXEL_COLS], &planes)?;
-        numbers(&self.piezo.run(tvec![image], &mut self.ranges, &mut self.trace)?[0])
+        numbers(&self.piezo.run(tvec![image], &mut self.trace)?[0])
     }
 
     fn embed_xl(&mut self, sensor: usize) -> Result<Vec<f32>> {
         let seen: Vec<f32> = self.xl_frames[sensor].iter().flatten().copied().collect();
         let frames = tensor(&[1, seen.len()], &seen)?;
-        numbers(&self.xl.run(tvec![frames], &mut self.ranges, &mut self.trace)?[0])
+        numbers(&self.xl.run(tvec![frames], &mut self.trace)?[0])
     }
 
     /// The embeddings of a frame, zeros where no sensor delivered, to its outputs.
@@ -159,7 +145,7 @@ impl TractNetwork {
         }
         inputs.push(self.mask.clone());
         inputs.extend(self.caches.drain(..));
-        let mut outputs = self.fuse.run(inputs, &mut self.ranges, &mut self.trace)?;
+        let mut outputs = self.fuse.run(inputs, &mut self.trace)?;
         self.caches.extend(outputs.drain(1..));
         let logits = numbers(&outputs[0])?;
         logits.try_into().ok().context("the graph does not end in as many outputs as the network has")

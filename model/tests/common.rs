@@ -6,7 +6,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::features::XlFeatures;
 use slipsense::features::piezo::PiezoFrontEnd;
-use slipsense::params::TAXELS;
+use slipsense::params::{OUTPUTS, TAXELS};
 use slipsense::sensor::PiezoFrame;
 use slipsense_model::float::Sequences;
 use slipsense_model::output;
@@ -36,6 +36,16 @@ pub fn random_weights(seed: u64) -> Weights {
 pub fn tensor_mut<'w>(weights: &'w mut Weights, layer: &str, part: &str) -> &'w mut [f32] {
     let index = specs(&weights.dims).iter().position(|spec| spec.layer == layer && spec.part == part);
     &mut weights.tensors[index.unwrap()]
+}
+
+/// Power of the float logits over that of the integers' differences from them, dB.
+pub fn snr_db(float: &[[f32; OUTPUTS]], integer: &[[f32; OUTPUTS]]) -> f64 {
+    let (mut power, mut error) = (0.0, 0.0);
+    for (&float, &integer) in float.as_flattened().iter().zip(integer.as_flattened()) {
+        power += f64::from(float).powi(2);
+        error += (f64::from(float) - f64::from(integer)).powi(2);
+    }
+    10.0 * (power / error).log10()
 }
 
 /// Put what a network sees of one more sequence into a batch; scans and frames of accelerometers are `[frame][sensor]`.

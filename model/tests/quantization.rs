@@ -1,11 +1,10 @@
 //! Integers against float, refusals, and files read back.
 
-use slipsense::fixed::Logit;
 use slipsense::net::{Model, Network, SensorFeatures};
 use slipsense::params::OUTPUTS;
 use slipsense_model::quantize::quantize;
 use slipsense_model::trace::Ranges;
-use slipsense_model::tract::{Graphs, SensorFrame, TractNetwork};
+use slipsense_model::tract::{Graphs, TractNetwork};
 use slipsense_model::weights::{FIRST_DIMS, Weights, specs};
 use slipsense_model::{export, weights};
 
@@ -14,47 +13,31 @@ use crate::common;
 const FRAMES: usize = 100;
 const SENSORS: usize = 2;
 
-/// Is this part of a sensor there? With `missing`, every third scan and every fourth log-mel frame is not.
-fn is_there(missing: bool, frame: usize, sensor: usize, period: usize) -> bool {
-    !missing || !(frame + sensor).is_multiple_of(period)
+/// Results of `step` on frames of random input. With `missing`, every third scan and every fourth log-mel frame is not
+/// there.
+fn run<T>(sensors: usize, missing: bool, mut step: impl FnMut(&[SensorFeatures<'_>]) -> T) -> Vec<T> {
+    let (scans, xl_frames) = (common::scans(FRAMES, sensors, 3), common::xl_frames(FRAMES, sensors, 4));
+    let frame = |frame: usize| {
+        let is_there = |sensor: usize, period: usize| !missing || !(frame + sensor).is_multiple_of(period);
+        let sensor = |s: usize| SensorFeatures {
+            piezo: is_there(s, 3).then(|| &scans[frame * sensors + s]),
+            xl: is_there(s, 4).then(|| xl_frames[frame * sensors + s]),
+        };
+        step(&(0..sensors).map(sensor).collect::<Vec<_>>())
+    };
+    (0..FRAMES).map(frame).collect()
 }
 
 /// Float logits of random input, and the ranges seen on the way.
 pub fn run_float(weights: &Weights, sensors: usize, missing: bool) -> (Vec<[f32; OUTPUTS]>, Ranges) {
-    let (scans, xl_frames) = (common::scans(FRAMES, sensors, 3), common::xl_frames(FRAMES, sensors, 4));
     let mut network = TractNetwork::new(&Graphs::traced(weights).unwrap(), sensors).unwrap();
-    let step = |frame: usize| {
-        let sensor = |s: usize| SensorFrame {
-            piezo: is_there(missing, frame, s, 3).then(|| scans[frame * sensors + s].counts()),
-            xl: is_there(missing, frame, s, 4).then(|| &xl_frames[frame * sensors + s]),
-        };
-        network.step(&(0..sensors).map(sensor).collect::<Vec<_>>()).unwrap()
-    };
-    let logits = (0..FRAMES).map(step).collect();
-    (logits, network.ranges)
+    let logits = run(sensors, missing, |seen| network.step(seen).unwrap());
+    (logits, Ranges::of(&network.trace))
 }
 
-fn run_integer(bytes: &[u8], missing: bool) -> Vec<[i32; OUTPUTS]> {
-    let (scans, xl_frames) = (common::scans(FRAMES, SENSORS, 3), common::xl_frames(FRAMES, SENSORS, 4));
+fn run_integer(bytes: &[u8], missing: bool) -> Vec<[f32; OUTPUTS]> {
     let mut network = Network::new(Model::parse(bytes).unwrap());
-    let step = |frame: usize| {
-        let sensor = |s: usize| SensorFeatures {
-            piezo: is_there(missing, frame, s, 3).then(|| &scans[frame * SENSORS + s]),
-            xl: is_there(missing, frame, s, 4).then(|| xl_frames[frame * SENSORS + s]),
-        };
-        network.step(&[sensor(0), sensor(1)]).map(Logit::to_bits)
-    };
-    (0..FRAMES).map(step).collect()
-}
-
-/// Power of the float logits over that of the integers' differences from them, dB.
-fn snr_db(float: &[[f32; OUTPUTS]], integer: &[[i32; OUTPUTS]]) -> f64 {
-    let (mut power, mut error) = (0.0, 0.0);
-    for (float, integer) in float.iter().flatten().zip(integer.iter().flatten()) {
-        power += f64::from(*float).powi(2);
-        error += (f64::from(*float) - f64::from(*integer) / 1024.0).powi(2);
-    }
-    10.0 * (power / error).log10()
+    run(SENSORS, missing, |seen| network.step(seen).map(|logit| logit.to_f64() as f32))
 }
 
 #[test]
@@ -65,7 +48,7 @@ fn the_integer_network_follows_the_float_one() {
         let (float, ranges) = run_float(&weights, SENSORS, missing);
         let file = quantize(&weights, &ranges, "{}").unwrap();
         let integer = run_integer(&export::to_bytes(&file).unwrap(), missing);
-        let snr_db = snr_db(&float, &integer);
+        let snr_db = common::snr_db(&float, &integer);
         println!("seed {seed}, parts missing {missing}: logits {snr_db:.1} dB over the quantization error");
         // Random networks: 46 to 56 dB. Far better would mean that float was compared with itself.
         assert!((45.0..90.0).contains(&snr_db), "seed {seed}, parts missing {missing}: {snr_db} dB");
@@ -165,7 +148,7 @@ fn queries_and_keys_have_less_room_where_the_scores_leave_less() {
     let (file, float) = larger(2.0 / of_half).unwrap();
     assert_eq!(file.tensor("cross_piezo.score", "multiplier"), [i32::MAX]);
     let integer = run_integer(&export::to_bytes(&file).unwrap(), false);
-    let snr_db = snr_db(&float, &integer);
+    let snr_db = common::snr_db(&float, &integer);
     println!("logits {snr_db:.1} dB over the quantization error");
     assert!((50.0..90.0).contains(&snr_db), "{snr_db} dB");
     // Twenty times: even half of what was seen does not fit.

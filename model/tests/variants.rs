@@ -204,8 +204,7 @@ fn what_is_taken_away_is_not_seen() {
     ] {
         assert_eq!(worst(&logits(name, &input), &logits(name, other)) == 0.0, same, "{name}");
     }
-    // What lies outside two windows of 6 and the kernel behind them has no effect on the last frame, one
-    // frame of it within has.
+    // Only what lies within two windows of 6 and the kernel behind them has an effect on the last frame.
     let whole = logits("t6", &input);
     let short = |from: usize| worst(&whole[69..], &logits("t6", &last_frames(&input, from))[69 - from..]);
     assert!(short(50) < 1e-5 && short(66) > 1e-4, "{} {}", short(50), short(66));
@@ -218,11 +217,7 @@ fn integers_are_near_the_floats_that_they_were_made_of() {
     let model = integers::model(&weights, &episodes).unwrap();
     let integers = integers::outputs(Model::parse(&model).unwrap(), &episodes[0]);
     let float = FloatNetwork::new(&weights, &Device::flex()).outputs(&BASE, &episodes[0].sequences());
-    let power = |of: &dyn Fn(usize, usize) -> f32| -> f32 {
-        (0..float.len()).flat_map(|t| (0..OUTPUTS).map(move |o| of(t, o).powi(2))).sum()
-    };
-    let (error, signal) = (power(&|t, o| float[t][o] - integers[t][o]), power(&|t, o| float[t][o]));
-    let db = 10.0 * (signal / error).log10();
+    let db = common::snr_db(&float, &integers);
     println!("integers are {db:.1} dB from the floats");
     assert!(db > 20.0 && integers != float, "{db}");
 }

@@ -36,9 +36,12 @@ fn info_counts_layers_and_totals() {
 #[cfg(feature = "train")]
 mod with_float_network {
     use serde_json::json;
+    use slipsense::net::SensorFeatures;
     use slipsense::params::XL_FEATURES;
+    use slipsense::sensor::PiezoFrame;
     use slipsense_model::quantize::{activation_scales, quantize};
-    use slipsense_model::tract::{Graphs, SensorFrame, TractNetwork};
+    use slipsense_model::trace::Ranges;
+    use slipsense_model::tract::{Graphs, TractNetwork};
     use slipsense_model::weights::{FIRST_DIMS, Weights};
     use slipsense_model::{export, output};
     use slipsense_recording::model_file::{SCALES_KEY, random_model};
@@ -52,14 +55,16 @@ mod with_float_network {
         let mut network = TractNetwork::new(&Graphs::traced(&weights).unwrap(), 1).unwrap();
         for frame in 0..40i16 {
             let scan = std::array::from_fn(|taxel| (taxel % 97 + frame as usize) as u16 * 9);
+            let scan = PiezoFrame::from_scan(scan);
             let xl: [i16; XL_FEATURES] = std::array::from_fn(|bin| (bin as i16 - 16) * 250 * (frame % 7 + 1));
-            network.step(&[SensorFrame { piezo: Some(&scan), xl: Some(&xl) }]).unwrap();
+            network.step(&[SensorFeatures { piezo: Some(&scan), xl: Some(xl) }]).unwrap();
         }
+        let ranges = Ranges::of(&network.trace);
         let provenance = json!({
             "weights_sha256": output::sha256_hex(&weights.to_bytes().unwrap()),
-            SCALES_KEY: activation_scales(&FIRST_DIMS, &network.ranges).unwrap(),
+            SCALES_KEY: activation_scales(&FIRST_DIMS, &ranges).unwrap(),
         });
-        let file = quantize(&weights, &network.ranges, &provenance.to_string()).unwrap();
+        let file = quantize(&weights, &ranges, &provenance.to_string()).unwrap();
         weights.write(&place.path("w.safetensors")).unwrap();
         place.file("q.slipnet", export::to_bytes(&file).unwrap());
         place

@@ -5,7 +5,8 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use slipsense::features::XlFrontEnd;
-use slipsense_model::tract::{Graphs, SensorFrame, TractNetwork};
+use slipsense::net::SensorFeatures;
+use slipsense_model::tract::{Graphs, TractNetwork};
 use slipsense_model::weights::Weights;
 
 use crate::detector::{Detector, NEVER, Prediction, touched};
@@ -26,17 +27,12 @@ pub(super) fn float(weights: Option<&Path>) -> Result<Detector<'static>> {
         };
         let (mut score, mut fallback) = (Vec::new(), Vec::new());
         for frame in 0..episode.frames() {
-            let mut log_mels = Vec::with_capacity(sensors);
-            for (sensor, front_end) in front_ends.iter_mut().enumerate() {
+            let seen = front_ends.iter_mut().enumerate().map(|(sensor, front_end)| {
                 front_end.push(episode.xl_batch(frame, sensor));
-                log_mels.push(front_end.log_mel().features());
-            }
-            let inputs = log_mels.iter().enumerate().map(|(sensor, xl)| {
-                let counts = episode.piezo(frame, sensor).counts();
-                SensorFrame { piezo: Some(counts), xl: Some(xl) }
+                let xl = front_end.log_mel().features();
+                SensorFeatures { piezo: Some(episode.piezo(frame, sensor)), xl: Some(xl) }
             });
-            let inputs: Vec<_> = inputs.collect();
-            let [_, no_slip, slip, _] = network.step(&inputs)?;
+            let [_, no_slip, slip, _] = network.step(&seen.collect::<Vec<_>>())?;
             let touched = touched(episode, frame);
             score.push(if touched { slip - no_slip } else { NEVER });
             fallback.push(touched.into());

@@ -34,22 +34,7 @@ impl Use {
     }
 }
 
-/// What an object may be used for. The catalogue says it for its objects; others, from someone's own
-/// recordings, go by a hash of their name: one in four to test, one in eight to validation.
-pub fn use_of(object: &str) -> Use {
-    match objects::named(object).map(|known| known.group) {
-        Some(Group::HeldOut) => Use::Test,
-        Some(Group::Val) => Use::Validation,
-        Some(Group::Train) => Use::Train,
-        None => match Sha256::digest(object.as_bytes())[0] {
-            0..64 => Use::Test,
-            64..96 => Use::Validation,
-            _ => Use::Train,
-        },
-    }
-}
-
-/// Where a person says it: objects for validation and for test. Empty: [`use_of`] says it.
+/// Objects that a person names for validation and for test.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ObjectUses {
     pub validation: Vec<String>,
@@ -57,23 +42,27 @@ pub struct ObjectUses {
 }
 
 impl ObjectUses {
-    /// What an object is for. Where a person names any, the objects that are not named are for training;
-    /// objects of the catalogue stay what they are.
+    /// What an object is for: as a person names it, else as the catalogue says. Others, from someone's own recordings,
+    /// are for training where a person names any; else they go by a hash of their name, one in four to test, one in
+    /// eight to validation.
     pub fn use_of(&self, object: &str) -> Use {
-        let named = |list: &[String]| list.iter().any(|name| name == object);
-        if named(&self.validation) {
-            Use::Validation
-        } else if named(&self.test) {
-            Use::Test
-        } else if self.is_empty() || objects::named(object).is_some() {
-            use_of(object)
-        } else {
-            Use::Train
+        if self.validation.iter().any(|name| name == object) {
+            return Use::Validation;
         }
-    }
-
-    pub fn is_empty(&self) -> bool {
-        self.validation.is_empty() && self.test.is_empty()
+        if self.test.iter().any(|name| name == object) {
+            return Use::Test;
+        }
+        match objects::named(object).map(|known| known.group) {
+            Some(Group::HeldOut) => Use::Test,
+            Some(Group::Val) => Use::Validation,
+            Some(Group::Train) => Use::Train,
+            None if !self.validation.is_empty() || !self.test.is_empty() => Use::Train,
+            None => match Sha256::digest(object.as_bytes())[0] {
+                0..64 => Use::Test,
+                64..96 => Use::Validation,
+                _ => Use::Train,
+            },
+        }
     }
 }
 
@@ -183,50 +172,4 @@ fn read_entry(path: &Path) -> Result<Entry> {
     };
     let sensors = npz.array::<u16>("piezo")?.shape().get(1).copied().unwrap_or_default();
     Ok(Entry { path: path.to_owned(), sensors, object: object.to_owned() })
-}
-
-#[cfg(test)]
-mod tests {
-    use slipsense::sensor::PiezoFrame;
-    use slipsense_recording::Episode;
-
-    use super::*;
-
-    #[test]
-    fn of_too_many_files_those_read_are_of_all_objects() {
-        let folder = tempfile::tempdir().unwrap();
-        let objects = ["mug", "rod", "tape"];
-        for index in 0..12 {
-            let mut meta = Meta::nominal(0.000_488);
-            meta.other.insert("object".to_owned(), objects[index / 4].into());
-            let episode = Episode {
-                sensors: 1,
-                piezo: vec![PiezoFrame::zeroed()],
-                xl: vec![vec![[0; 3]; 34]],
-                xl_end: vec![33],
-                label: Some(vec![0]),
-                meta,
-                ..Episode::default()
-            };
-            episode.write(folder.path().join(format!("{index:02}.npz"))).unwrap();
-        }
-        let uses = ObjectUses { validation: objects.map(str::to_owned).into(), test: Vec::new() };
-        let data = LabelledFolder { path: folder.path().to_owned(), uses };
-        let read = |most| {
-            let chosen = data.choose(Use::Validation, most).unwrap();
-            let name = |path: &PathBuf| path.file_stem().unwrap().to_str().unwrap().to_owned();
-            let files: Vec<String> = chosen.files.iter().map(name).collect();
-            (files.join(" "), Vec::from_iter(chosen.objects).join(" "), chosen.left_out)
-        };
-        let of = |files: &str, objects: &str, left_out: Option<usize>| {
-            let path = folder.path().display();
-            let said = left_out.map(|count| format!("{path}: {count} of 12 validation episodes"));
-            (files.to_owned(), objects.to_owned(), said)
-        };
-        assert_eq!(read(2), of("00 06", "mug rod", Some(2)));
-        assert_eq!(read(3), of("00 04 08", "mug rod tape", Some(3)));
-        assert_eq!(read(5), of("00 02 04 07 09", "mug rod tape", Some(5)));
-        let all = of("00 01 02 03 04 05 06 07 08 09 10 11", "mug rod tape", None);
-        assert_eq!([read(12), read(99)], [all.clone(), all]);
-    }
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use slipsense::sensor::PiezoFrame;
 use slipsense_model::data::recipes;
-use slipsense_model::folder::{ObjectUses, Use, use_of};
+use slipsense_model::folder::{LabelledFolder, ObjectUses, Use};
 use slipsense_model::{TrainArgs, run_quantize, run_train};
 use slipsense_recording::{Episode, Meta};
 
@@ -54,6 +54,7 @@ fn what_a_folder_of_recordings_lacks_is_said_by_name() {
     write_episode(&a, Some("mug"), None, 1, 90);
     refused(&args, &a, "array `label` is missing");
     write_episode(&a, Some("mug"), all, 1, 90);
+    let use_of = |name| ObjectUses::default().use_of(name);
     assert_eq!((use_of("mug"), use_of("rod")), (Use::Train, Use::Train), "the names of this test");
     let said = "no object is for validation (train: mug × 1; validation: none; test: none)";
     refused(&args, &data, said);
@@ -85,7 +86,35 @@ fn a_person_says_which_objects_are_for_what() {
     for object in slipsense_synth::objects::of_group(slipsense_synth::objects::Group::HeldOut) {
         assert_eq!(uses.use_of(&object.name), Use::Test);
     }
-    assert_eq!(ObjectUses::default().use_of("mug"), use_of("mug"));
+}
+
+#[test]
+fn of_too_many_files_those_read_are_of_all_objects() {
+    let folder = tempfile::tempdir().unwrap();
+    let objects = ["mug", "rod", "tape"];
+    for index in 0..12 {
+        let path = folder.path().join(format!("{index:02}.npz"));
+        write_episode(&path, Some(objects[index / 4]), Some(&[0]), 1, 1);
+    }
+    let uses = ObjectUses { validation: objects.map(str::to_owned).into(), test: Vec::new() };
+    let data = LabelledFolder { path: folder.path().to_owned(), uses };
+    for (most, names, objects, is_part) in [
+        (2, "00 06", "mug rod", true),
+        (3, "00 04 08", "mug rod tape", true),
+        (5, "00 02 04 07 09", "mug rod tape", true),
+        (12, "00 01 02 03 04 05 06 07 08 09 10 11", "mug rod tape", false),
+        (99, "00 01 02 03 04 05 06 07 08 09 10 11", "mug rod tape", false),
+    ] {
+        let chosen = data.choose(Use::Validation, most).unwrap();
+        let read: Vec<_> =
+            chosen.files.iter().map(|path| path.file_stem().unwrap().to_str().unwrap()).collect();
+        assert_eq!(
+            (read.join(" "), Vec::from_iter(chosen.objects).join(" ")),
+            (names.into(), objects.into())
+        );
+        let said = format!("{}: {most} of 12 validation episodes", folder.path().display());
+        assert_eq!(chosen.left_out, is_part.then_some(said));
+    }
 }
 
 #[test]

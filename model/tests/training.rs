@@ -8,7 +8,7 @@ use std::path::Path;
 use slipsense::net::Model;
 use slipsense::params::CLASSES;
 use slipsense_model::data::recipes;
-use slipsense_model::folder::{Use, use_of};
+use slipsense_model::folder::{ObjectUses, Use};
 use slipsense_model::weights::{Weights, dims_of_size};
 use slipsense_model::{MineArgs, QuantizeArgs, TrainArgs, mining, run_mine, run_quantize, run_train};
 use slipsense_synth::{ObjectChoice, Shard};
@@ -114,7 +114,7 @@ fn training_and_validation_share_no_object_and_no_seed() {
                 ObjectChoice::Own(object) => object.name.split("-varied-").next().unwrap(),
                 other => panic!("{other:?} is drawn, not named"),
             };
-            assert_eq!(use_of(name), what, "{name}");
+            assert_eq!(ObjectUses::default().use_of(name), what, "{name}");
         }
     }
     let [train, validation] =

@@ -15,19 +15,16 @@ use crate::pad_view::PadView;
 use crate::piezo::IMAGE;
 use crate::target::Target;
 
-/// What a sequence is drawn around: a frame of a class, one of the first after the onset of a slip, or one of a mined
-/// stretch.
+/// What a sequence is drawn around: a frame of a class, one of the first of a slip, or one of a mined stretch.
 const GROUPS: usize = CLASSES + 2;
-/// How often each is drawn. No contact is the least: the pads decide it by themselves, and sequences
-/// around the others contain it as well.
+/// How often each is drawn. No contact is the least: the others' sequences contain it as well.
 const SHARES: [u32; GROUPS] = [1, 5, 2, 4, 4];
 /// Frames that count as the first of a slip: those that decide how fast it is noticed.
 const ONSET_FRAMES: usize = 30;
 
 /// What a frame without contact counts in the loss: the pads decide it by themselves.
 const NO_CONTACT_WEIGHT: f32 = 0.2;
-/// What the first frames after a change of class count, those of a slip and the others, and how many: they
-/// decide latency and false alarms.
+/// What the first frames of a slip and of another class count, and how many: they decide latency and false alarms.
 const ONSET_WEIGHT: f32 = 5.0;
 const CHANGE_WEIGHT: f32 = 3.0;
 const CHANGE_FRAMES: usize = 12;
@@ -65,8 +62,7 @@ pub struct Sampler<'e> {
 }
 
 impl<'e> Sampler<'e> {
-    /// Stretches of `frames` frames. All episodes must have the same number of sensors and be at least
-    /// that long, and every class must occur.
+    /// Stretches of `frames` frames. All episodes must have as many sensors and be that long; every class must occur.
     pub fn new(
         episodes: impl IntoIterator<Item = &'e Features>,
         frames: usize,
@@ -109,8 +105,7 @@ impl<'e> Sampler<'e> {
         std::array::from_fn(|class| self.groups[class].len())
     }
 
-    /// One batch; the same seed draws the same one. All its sequences have the same number of sensors:
-    /// all in half of the cases, else a number from 1 to all, drawn evenly.
+    /// The batch of a seed. All its sequences have as many sensors: all in half of the cases, else 1 to all.
     pub fn batch(&self, sequences: usize, seed: u64) -> Sequences {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let seeds: Vec<u64> = (0..sequences).map(|_| rng.random()).collect();
@@ -145,8 +140,7 @@ impl<'e> Sampler<'e> {
         batch
     }
 
-    /// One stretch around a random frame of a random group, of some of the sensors, changed at random. Its
-    /// first frame's place in the episode.
+    /// A changed stretch of some sensors around a random frame of a random group; returns its start in the episode.
     fn sequence(
         &self,
         seed: u64,

@@ -18,9 +18,8 @@ const ONSET_WEIGHT: f32 = 4.0;
 /// What a frame counts in which slip may be found already.
 const BEGINS_WEIGHT: f32 = 0.3;
 
-/// Binary cross entropy of log-odds `[batch, frame, 1]` against the targets, nat; the mean over all frames of weights
-/// as above. The surest of an onset and the worst of a stretch count `extreme_weight` in addition; without it the frames
-/// of an onset count as all others do.
+/// Binary cross entropy of log-odds `[batch, frame, 1]` against the targets, nat: the mean over all weighted frames. The
+/// surest of an onset and the worst of a stretch count `extreme_weight` in addition; without it all frames count alike.
 pub(crate) fn loss(log_odds: Tensor<3>, targets: &[Target], extreme_weight: Option<f32>) -> Tensor<1> {
     let [batch, frames, _] = log_odds.dims();
     let values = numbers(log_odds.clone());

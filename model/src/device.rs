@@ -1,9 +1,7 @@
 //! What runs the tensor library: the cores of this computer, or a graphics processor.
 
-use std::fmt;
-
 use anyhow::Result;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Int, Tensor, TensorData};
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
@@ -19,15 +17,19 @@ pub enum DeviceName {
 }
 
 impl DeviceName {
-    /// A plain device; [`Device::autodiff`] makes one with gradients.
-    ///
-    /// # Errors
-    ///
-    /// No graphics processor, or a build that cannot use one.
+    /// A plain device; an error without a graphics processor, or in a build that cannot use one.
     pub fn open(self) -> Result<Device> {
         match self {
             Self::Cpu => Ok(Device::flex()),
             Self::Gpu => gpu(),
+        }
+    }
+
+    /// As tables have it.
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::Cpu => "CPU",
+            Self::Gpu => "GPU",
         }
     }
 }
@@ -46,13 +48,10 @@ pub(crate) fn tensor<const D: usize>(values: Vec<f32>, shape: [usize; D], device
     Tensor::from_data(TensorData::new(values, shape), device)
 }
 
-impl fmt::Display for DeviceName {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(match self {
-            Self::Cpu => "CPU",
-            Self::Gpu => "GPU",
-        })
-    }
+/// Such as rows or places that are selected.
+pub(crate) fn integers(values: Vec<i32>, device: &Device) -> Tensor<1, Int> {
+    let count = values.len();
+    Tensor::from_data(TensorData::new(values, [count]), device)
 }
 
 #[cfg(feature = "gpu")]

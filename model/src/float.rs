@@ -9,13 +9,13 @@ use burn::module::{Module, Param, ParamId};
 use burn::optim::GradientsParams;
 use burn::tensor::activation::{log_softmax, relu, softmax};
 use burn::tensor::module::layer_norm;
-use burn::tensor::{Device, Int, Tensor, TensorData};
+use burn::tensor::{Device, Int, Tensor};
 use slipsense::net::format::{Dims, TensorSpec};
 use slipsense::params::{CLASSES, OUTPUTS, XL_FEATURES};
 
 use crate::detector_loss;
-use crate::device::{numbers, tensor};
-use crate::piezo::{self, Filters};
+use crate::device::{integers, numbers, tensor};
+use crate::piezo::{self, Filters, Tape};
 use crate::target::Target;
 use crate::weights::Weights;
 
@@ -34,11 +34,9 @@ const SCORE_EXCESS_WEIGHT: f32 = 2e-3;
 /// What a teacher's probabilities count in the loss where there is one; the labels count the rest.
 const TAUGHT_SHARE: f32 = 0.5;
 
-/// How parameters make logits: [`Dims`] is the network that is shipped, in any size; a
-/// [`Variant`](crate::variants::Variant) is compared with it.
+/// How parameters make logits: [`Dims`] is the shipped network in any size, a `Variant` is compared with it.
 pub trait Architecture {
-    /// Names and shapes of the parameters. Without the convolution blocks of [`piezo::LAYERS`] the network
-    /// does not see the pads.
+    /// Names and shapes of the parameters. Without [`piezo::LAYERS`] the network does not see the pads.
     fn specs(&self) -> Vec<TensorSpec>;
 
     /// Outputs of every frame, `[batch, frame, output]`. `features`: of every scan's taxels, `[image, feature]`;
@@ -63,8 +61,7 @@ pub struct Sequences {
     pub frames: usize,
     /// Counts and their change, `[batch, sensor, frame, 32 · 32, 2]`.
     pub piezo: Vec<i16>,
-    /// Features of the accelerometers, [`XlFeatures`](slipsense::features::XlFeatures) as real numbers,
-    /// `[batch, sensor, frame, 32]`.
+    /// Features of the accelerometers as real numbers, `[batch, sensor, frame, 32]`.
     pub xl: Vec<f32>,
     /// Classes, `[batch, frame]`.
     pub label: Vec<u8>,
@@ -72,8 +69,7 @@ pub struct Sequences {
     pub weight: Vec<f32>,
     /// What the detector is to say of each frame, `[batch, frame]`.
     pub target: Vec<Target>,
-    /// What the surest frame of an onset and the worst of a stretch without slip count in addition; with none every frame
-    /// that counts for the detector counts alike.
+    /// What the surest frame of an onset and the worst of a stretch without slip count in addition, if anything.
     pub extreme_weight: Option<f32>,
     /// Probabilities of the classes by a teacher, `[batch, frame, class]`; empty without one.
     pub taught: Vec<f32>,
@@ -99,7 +95,6 @@ impl FloatNetwork {
         self.parameters[0].val().device()
     }
 
-    /// The parameters with their names.
     pub(crate) fn graph(&self, architecture: &impl Architecture) -> Graph<'_> {
         Graph {
             parameters: &self.parameters,
@@ -121,10 +116,7 @@ impl FloatNetwork {
 
     fn run(&self, architecture: &impl Architecture, input: &Sequences) -> Tensor<3> {
         let graph = self.graph(architecture);
-        let features = graph.filters().map(|filters| {
-            let (features, _) = piezo::forward(&filters, &input.piezo);
-            tensor(features, [input.images(), filters.features()], &graph.device)
-        });
+        let features = graph.filters().map(|filters| graph.features(&filters, input).0);
         architecture.forward(&graph, input, features)
     }
 
@@ -132,8 +124,7 @@ impl FloatNetwork {
     pub fn gradients(&self, architecture: &impl Architecture, input: &Sequences) -> Step {
         let graph = self.graph(architecture);
         let seen = graph.filters().map(|filters| {
-            let (features, tape) = piezo::forward(&filters, &input.piezo);
-            let features = tensor::<2>(features, [input.images(), filters.features()], &graph.device);
+            let (features, tape) = graph.features(&filters, input);
             (filters, tape, features.require_grad())
         });
         let features = seen.as_ref().map(|(_, _, features)| features.clone());
@@ -184,12 +175,6 @@ impl FloatNetwork {
     }
 }
 
-impl Sequences {
-    fn images(&self) -> usize {
-        self.batch * self.sensors * self.frames
-    }
-}
-
 /// The logits of the classes, without the detector's output.
 fn classes(outputs: Tensor<3>) -> Tensor<3> {
     outputs.narrow(2, 0, CLASSES)
@@ -203,8 +188,7 @@ pub(crate) fn plain(outputs: Tensor<3>) -> Vec<[f32; OUTPUTS]> {
 /// Which frames an attention sees, and at what lag. Sequences are cut into chunks as long as the window: a
 /// chunk's frames see it and the one before, and the work grows with the length, not with its square.
 pub(crate) struct Band {
-    /// Lag of each frame of a chunk to each of its own and the one before, `[window · 2 window]`; clamped
-    /// where masked.
+    /// Lag of each frame of a chunk to each of the one before and its own, `[window · 2 window]`; clamped if masked.
     lag: Tensor<1, Int>,
     /// 0 where seen, [`UNSEEN`] elsewhere, `[1, 1, chunk, window, 2 window]`.
     mask: Tensor<5>,
@@ -217,7 +201,7 @@ impl Band {
         let pairs = || (0..window).flat_map(|t| (0..2 * window).map(move |j| (t, j)));
         // Frame t of a chunk is number window + t of the two.
         let lag = pairs().map(|(t, j)| (window + t).saturating_sub(j).min(window - 1) as i32);
-        let lag = Tensor::from_data(TensorData::new(lag.collect(), [2 * window * window]), device);
+        let lag = integers(lag.collect(), device);
         let seen = |chunk: usize, (t, j): (usize, usize)| {
             let in_band = j <= window + t && window + t - j < window;
             let exists = chunk > 0 || j >= window;
@@ -257,6 +241,13 @@ impl Graph<'_> {
         Some(Filters { weight: values("weight"), bias: values("bias") })
     }
 
+    /// Features of every scan, `[image, feature]`, and what their gradients need.
+    fn features(&self, filters: &Filters, input: &Sequences) -> (Tensor<2>, Tape) {
+        let (features, tape) = piezo::forward(filters, &input.piezo);
+        let images = input.batch * input.sensors * input.frames;
+        (tensor(features, [images, filters.features()], &self.device), tape)
+    }
+
     /// `[n, inputs]` to `[n, outputs]`.
     pub(crate) fn dense(&self, layer: &str, x: Tensor<2>) -> Tensor<2> {
         x.matmul(self.get(layer, "weight").transpose()) + self.get(layer, "bias")
@@ -268,8 +259,7 @@ impl Graph<'_> {
         self.dense(layer, hidden.reshape([b * l, width])).reshape([b, l, OUTPUTS])
     }
 
-    /// Embeddings of every frame of every sensor, `[batch · sensor · frame, embed]`, of `values`
-    /// `[batch, sensor, frame, 32]`.
+    /// Embeddings `[batch · sensor · frame, embed]` of every frame's `values`, `[batch, sensor, frame, 32]`.
     pub(crate) fn xl(&self, values: &[f32], frames: usize) -> Tensor<2> {
         let inputs = XL_FEATURES;
         let seen = self.specs[self.index("xl.conv", "weight")].cols;

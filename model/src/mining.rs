@@ -101,14 +101,12 @@ pub fn settings(folder: &Path) -> Result<Value> {
 /// The stretches of a folder that [`run_mine`] filled, in the order of the episodes.
 pub fn read(folder: &Path) -> Result<Vec<Features>> {
     let paths = output::files(folder, "safetensors")?;
-    let name =
-        |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    let all = paths.last().and_then(|path| name(path).get(9..14)?.parse::<usize>().ok());
+    let all = paths.last().and_then(|path| path.file_name()?.to_str()?.get(9..14)?.parse::<usize>().ok());
     let all =
         all.with_context(|| format!("{} holds nothing that `slipsense mine` wrote", folder.display()))?;
     for (index, path) in paths.iter().enumerate() {
         let wanted = stretches_name(index, all);
-        ensure!(name(path) == wanted, "{}: {wanted} is missing", folder.display());
+        ensure!(path.ends_with(&wanted), "{}: {wanted} is missing", folder.display());
     }
     ensure!(paths.len() == all, "{}: {} of {all} files are missing", folder.display(), all - paths.len());
     let read = |path: &PathBuf| {

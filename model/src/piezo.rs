@@ -11,8 +11,7 @@ use slipsense::params::{PIEZO_CHANNELS, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 
 use self::block::{Gradients, LANES, Lanes, Shape, Winner};
 
-/// Real value of one count at the first convolution, and of one unit of its change: a linear factor, no
-/// information lost.
+/// Real value of one count at the first convolution, and of one unit of its change.
 pub const PIEZO_INPUT_SCALE: f32 = 1.0 / 256.0;
 /// Numbers of one image: count and change of every taxel.
 pub const IMAGE: usize = TAXELS * PIEZO_CHANNELS;
@@ -52,13 +51,11 @@ impl Filters {
 }
 
 /// What a forward pass leaves for the backward one.
-#[derive(Debug)]
-pub struct Tape {
-    groups: Vec<Group>,
-}
+pub type Tape = Vec<Group>;
 
+/// Of eight images.
 #[derive(Debug)]
-struct Group {
+pub struct Group {
     /// Input of every block but the first.
     maps: Vec<Vec<Lanes>>,
     winners: [Vec<Winner>; BLOCKS],
@@ -79,8 +76,7 @@ fn input_map(shape: Shape, images: &[i16]) -> Vec<Lanes> {
     map
 }
 
-/// Features of every image, `[image][feature]`, and what the backward pass needs. `images`: count and change
-/// of every taxel, [`IMAGE`] numbers each.
+/// Features of every image, `[image][feature]`, and what the backward pass needs. An image has [`IMAGE`] numbers.
 pub fn forward(filters: &Filters, images: &[i16]) -> (Vec<f32>, Tape) {
     let shapes = filters.shapes();
     let width = filters.features();
@@ -90,12 +86,11 @@ pub fn forward(filters: &Filters, images: &[i16]) -> (Vec<f32>, Tape) {
         .par_chunks(LANES * IMAGE)
         .zip(features.par_chunks_mut(LANES * width))
         .map(|(images, features)| arch.dispatch(ForwardGroup { filters, shapes: &shapes, images, features }));
-    let groups = groups.collect();
-    (features, Tape { groups })
+    let tape = groups.collect();
+    (features, tape)
 }
 
-/// A function that is compiled once per vector unit: a closure would not be inlined to where the instructions
-/// are chosen.
+/// Compiled once per vector unit: a closure would not be inlined to where the instructions are chosen.
 struct ForwardGroup<'a> {
     filters: &'a Filters,
     shapes: &'a [Shape; BLOCKS],
@@ -128,13 +123,12 @@ impl pulp::NullaryFnOnce for ForwardGroup<'_> {
 }
 
 /// Gradients of filters and biases, from those of the features, `[image][feature]`.
-pub fn backward(filters: &Filters, images: &[i16], tape: &Tape, feature_gradient: &[f32]) -> Filters {
+pub fn backward(filters: &Filters, images: &[i16], tape: &[Group], feature_gradient: &[f32]) -> Filters {
     let shapes = filters.shapes();
     let width = filters.features();
-    let per_job = tape.groups.len().div_ceil(JOBS).max(1);
+    let per_job = tape.len().div_ceil(JOBS).max(1);
     let arch = pulp::Arch::new();
     let jobs: Vec<Sums> = tape
-        .groups
         .par_chunks(per_job)
         .zip(images.par_chunks(per_job * LANES * IMAGE))
         .zip(feature_gradient.par_chunks(per_job * LANES * width))

@@ -36,13 +36,13 @@ const RESIDUAL_MARGIN: f64 = 8.0;
 /// because scores of that size leave one frame all the weight, cut or not.
 const QUERY_KEY_MARGIN: f64 = 2.0;
 /// Largest real ratio that a multiplier takes.
-const MULTIPLIER_RATIO_MAX: f64 = i32::MAX as f64 / TWO_32;
+const MULTIPLIER_RATIO_MAX: f64 = I32_MAX / TWO_32;
 /// Largest magnitude of an activation after requantization.
 const I16_MAX: f64 = i16::MAX as f64;
 /// Largest weight; −32768 is left unused so that a sign never changes the magnitude.
 const WEIGHT_MAX: f64 = 32_767.0;
-/// Largest magnitude that an accumulator may reach.
-const ACCUMULATOR_MAX: f64 = i32::MAX as f64;
+/// Largest magnitude that an accumulator may reach, and a number of 32 bits.
+const I32_MAX: f64 = i32::MAX as f64;
 /// Largest residual sum that LayerNorm takes.
 const RESIDUAL_MAX: f64 = ((1 << (RESIDUAL_BITS - 1)) - 1) as f64;
 /// Largest bias: half of the accumulator, the rest is for the products.
@@ -51,8 +51,7 @@ const TWO_32: f64 = 4_294_967_296.0;
 /// Integers of a score per nat; scores are to the base 2.
 const SCORE_UNITS_PER_NAT: f64 = std::f64::consts::LOG2_E * (1 << SCORE_FRAC_BITS) as f64;
 
-/// Real value of one unit of every activation of [`ACTIVATIONS`] in a network that was calibrated on
-/// `ranges`. Refuses an activation that was never seen away from zero, by name.
+/// Real value of one unit of every one of [`ACTIVATIONS`] after calibration on `ranges`. Refuses one that was always 0.
 pub fn activation_scales(dims: &Dims, ranges: &Ranges) -> Result<BTreeMap<String, f64>> {
     let needs = |activation: &str, margin: f64, largest_int: f64| {
         let largest = f64::from(ranges.largest(activation)) * margin;
@@ -101,11 +100,11 @@ fn round(x: f64) -> f64 {
 }
 
 /// A real ratio as a multiplier; refuses one of a half or more.
-fn multiplier(ratio: f64, tensor: &str, channel: usize) -> Result<i32> {
+fn multiplier(ratio: f64, layer: &str, channel: usize) -> Result<i32> {
     let value = round(ratio * TWO_32);
     ensure!(
-        (0.0..=f64::from(i32::MAX)).contains(&value),
-        "{tensor} channel {channel}: ratio {ratio:.4} is outside 0 to 0.5; the output's range is too small \
+        (0.0..=I32_MAX).contains(&value),
+        "{layer} multiplier channel {channel}: ratio {ratio:.4} is outside 0 to 0.5; the output's range is too small \
          for its weights"
     );
     Ok(value as i32)
@@ -161,12 +160,12 @@ impl Quantizer<'_> {
             let largest = coefficients.fold(0.0, |m: f64, x| m.max(x.abs()));
             let step = (largest / (WEIGHT_MAX - rounded))
                 .max(gain * bias.abs() / (from * BIAS_MAX))
-                .max(weighted / (ACCUMULATOR_MAX - rounding));
+                .max(weighted / (I32_MAX - rounding));
             // A channel of zeros: any step will do.
             let step = if step > 0.0 { step } else { to / from / 256.0 };
             weights.extend(row.iter().map(|w| round(w / step) as i32));
             biases.push(round(gain * bias / (from * step)) as i32);
-            multipliers.push(multiplier(from * step / (gain * to), &format!("{name} multiplier"), channel)?);
+            multipliers.push(multiplier(from * step / (gain * to), name, channel)?);
         }
         *self.file.tensor_mut(name, "weight") = weights;
         *self.file.tensor_mut(name, "bias") = biases;
@@ -189,14 +188,11 @@ impl Quantizer<'_> {
         let score = name("score");
         let width = self.weights.get(&name("query"), "bias").len();
         let ratio = score_ratio([query, key], width / self.weights.dims.heads);
-        *self.file.tensor_mut(&score, "multiplier") =
-            vec![multiplier(ratio, &format!("{score} multiplier"), 0)?];
-        let bias =
-            self.weights.get(&score, "bias").iter().map(|&b| round(f64::from(b) * SCORE_UNITS_PER_NAT));
-        *self.file.tensor_mut(&score, "bias") = integers(bias, I16_MAX, &format!("{score} bias"))?;
+        *self.file.tensor_mut(&score, "multiplier") = vec![multiplier(ratio, &score, 0)?];
+        let bias = self.weights.get(&score, "bias").iter().map(|&b| f64::from(b) * SCORE_UNITS_PER_NAT);
+        self.set(&score, "bias", bias, I16_MAX)?;
         let factor = self.scales[asks] / residual * f64::from(1 << RESIDUAL_FACTOR_BITS);
-        *self.file.tensor_mut(&name("norm"), "residual") =
-            integers([round(factor)], f64::from(i32::MAX), &format!("{block}.norm residual"))?;
+        self.set(&name("norm"), "residual", [factor], I32_MAX)?;
         self.norm(&name("norm"), residual, to)
     }
 
@@ -206,11 +202,11 @@ impl Quantizer<'_> {
         ensure!(largest > 0.0, "{name} gamma is all zero");
         let step = largest / I16_MAX;
         let unit = step / f64::from(1 << STANDARD_FRAC_BITS);
-        let gamma = gamma.iter().map(|&g| round(f64::from(g) / step));
-        let gamma = integers(gamma, I16_MAX, &format!("{name} gamma"))?;
-        let beta = self.weights.get(name, "beta").iter().map(|&b| round(f64::from(b) / unit));
-        let beta = integers(beta, f64::from(i32::MAX), &format!("{name} beta"))?;
-        for (channel, (&gamma, &beta)) in gamma.iter().zip(&beta).enumerate() {
+        self.set(name, "gamma", gamma.iter().map(|&g| f64::from(g) / step), I16_MAX)?;
+        let beta = self.weights.get(name, "beta").iter().map(|&b| f64::from(b) / unit);
+        self.set(name, "beta", beta, I32_MAX)?;
+        let [gamma, beta] = ["gamma", "beta"].map(|part| self.file.tensor(name, part));
+        for (channel, (&gamma, &beta)) in gamma.iter().zip(beta).enumerate() {
             let bound = i64::from(gamma).abs() * ACTIVATION_MAX + i64::from(beta).abs();
             ensure!(
                 bound <= i64::from(i32::MAX),
@@ -218,22 +214,26 @@ impl Quantizer<'_> {
                 i32::MAX
             );
         }
-        let epsilon = round(NORM_EPSILON / (residual * residual)).max(1.0);
-        *self.file.tensor_mut(name, "gamma") = gamma;
-        *self.file.tensor_mut(name, "beta") = beta;
-        *self.file.tensor_mut(name, "multiplier") =
-            vec![multiplier(unit / to, &format!("{name} multiplier"), 0)?];
-        *self.file.tensor_mut(name, "epsilon") =
-            integers([epsilon], f64::from(i32::MAX), &format!("{name} epsilon"))?;
+        let epsilon = (NORM_EPSILON / (residual * residual)).max(1.0);
+        *self.file.tensor_mut(name, "multiplier") = vec![multiplier(unit / to, name, 0)?];
+        self.set(name, "epsilon", [epsilon], I32_MAX)
+    }
+
+    /// Round the numbers of a tensor; refuses those of magnitudes above `most` by tensor and position.
+    fn set(
+        &mut self,
+        layer: &str,
+        part: &str,
+        values: impl IntoIterator<Item = f64>,
+        most: f64,
+    ) -> Result<()> {
+        let one = |(index, value): (usize, f64)| {
+            let value = round(value);
+            ensure!(value.abs() <= most, "{layer} {part} {index} is {value}, must be within ±{most}");
+            Ok(value as i32)
+        };
+        *self.file.tensor_mut(layer, part) =
+            values.into_iter().enumerate().map(one).collect::<Result<_>>()?;
         Ok(())
     }
-}
-
-/// Whole numbers of magnitude up to `most`; refuses others by tensor and position.
-fn integers(values: impl IntoIterator<Item = f64>, most: f64, tensor: &str) -> Result<Vec<i32>> {
-    let one = |(index, value): (usize, f64)| {
-        ensure!(value.abs() <= most, "{tensor} {index} is {value}, must be within ±{most}");
-        Ok(value as i32)
-    };
-    values.into_iter().enumerate().map(one).collect()
 }

@@ -1,7 +1,6 @@
 //! Recorded motion in generated training episodes: knocks and handling that nobody had to model.
 //!
-//! The recordings are public and not kept here: `docs/src/model/training.md` says where they come from. Training does
-//! without them as well.
+//! The recordings are public and not kept here: `docs/src/model/training.md` says where they come from.
 
 use std::path::Path;
 

@@ -1,5 +1,4 @@
-//! Trained networks that another one learns from: what they say of a batch counts beside the labels
-//! ([`Sequences::taught`]).
+//! Trained networks that another one learns from: what they say of a batch counts beside the labels.
 
 use burn::tensor::Device;
 
@@ -19,8 +18,7 @@ impl<A: Architecture> Teacher<A> {
         Self { networks: networks.into_iter().map(ready).collect() }
     }
 
-    /// Put what they say of the batch, as it was drawn, into the batch: the mean of their probabilities.
-    /// Without a network the batch stays as it is.
+    /// Put the mean of their probabilities of the batch into it; nothing without a network.
     pub fn teach(&self, batch: &mut Sequences) {
         let mut taught: Vec<f32> = Vec::new();
         let share = 1.0 / self.networks.len() as f32;

@@ -233,7 +233,8 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
         });
         state.write(&args.out, &optimizer)?;
         write_curves(&args.out, &state.rows)?;
-        print!("{}", if epoch == 0 { csv(&state.rows) } else { last_line(&csv(&state.rows)) });
+        let table = csv(&state.rows);
+        println!("{}", if epoch == 0 { table.trim_end() } else { table.lines().last().unwrap_or_default() });
     }
     let made_from = json!({
         "train_episodes": train.len() - mined,
@@ -251,13 +252,11 @@ fn first_weights(args: &TrainArgs) -> Result<Weights> {
         return Ok(Weights::init(args.dims(), args.seed));
     };
     let weights = Weights::read(path)?;
+    let [sizes, wanted] = [weights.dims, args.dims()].map(|dims| dims.to_fields());
+    let (path, size) = (path.display(), args.size);
     ensure!(
-        weights.dims == args.dims(),
-        "--start {}: sizes are {:?}, with --size {} they must be {:?}",
-        path.display(),
-        weights.dims.to_fields(),
-        args.size,
-        args.dims().to_fields()
+        sizes == wanted,
+        "--start {path}: sizes are {sizes:?}, with --size {size} they must be {wanted:?}"
     );
     Ok(weights)
 }
@@ -265,10 +264,6 @@ fn first_weights(args: &TrainArgs) -> Result<Weights> {
 fn write_curves(out: &Path, rows: &[Row]) -> Result<()> {
     output::write(&out.join("curves.csv"), csv(rows).as_bytes())?;
     output::write(&out.join("curves.svg"), curves::svg(rows)?.as_bytes())
-}
-
-fn last_line(text: &str) -> String {
-    text.lines().last().map(|line| format!("{line}\n")).unwrap_or_default()
 }
 
 fn finish(args: &TrainArgs, state: &Checkpoint, made_from: serde_json::Value) -> Result<()> {

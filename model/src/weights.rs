@@ -14,8 +14,7 @@ use slipsense::net::format::{Dims, TensorSpec, layout};
 
 use crate::{output, tensors_file};
 
-/// Sizes of the shipped model: three convolution blocks of 4, 8 and 32 channels, embeddings of 32, a
-/// memory of 60 frames (250 ms) in every attention.
+/// Sizes of the shipped model; its memory in every attention is 60 frames, 250 ms.
 pub const FIRST_DIMS: Dims =
     Dims { conv_channels: [4, 8, 32], embed: 32, xl_kernel: 5, xl_channels: 48, heads: 4, window: 60 };
 
@@ -102,10 +101,7 @@ impl Weights {
         self.tensors.iter().map(Vec::len).sum()
     }
 
-    /// The numbers of a tensor, such as `("piezo.conv1", "weight")`.
-    ///
-    /// # Panics
-    /// If there is no tensor of that name: names come from the layout, not from users.
+    /// The numbers of a tensor, such as `("piezo.conv1", "weight")`. Panics at names that the layout does not have.
     pub fn get(&self, layer: &str, part: &str) -> &[f32] {
         let index = specs(&self.dims).iter().position(|spec| spec.layer == layer && spec.part == part);
         &self.tensors[index.unwrap_or_else(|| panic!("there is no tensor {layer}.{part}"))]
@@ -118,10 +114,7 @@ impl Weights {
         }
     }
 
-    /// The mean of networks of the same sizes, summed in double precision.
-    ///
-    /// # Panics
-    /// If there is none.
+    /// The mean of networks of the same sizes, summed in double precision. Panics if there is none.
     pub fn mean(all: &[Self]) -> Self {
         let mut mean = all[0].clone();
         for (tensor, values) in mean.tensors.iter_mut().enumerate() {

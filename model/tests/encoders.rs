@@ -1,5 +1,5 @@
-//! The paper's encoders against published implementations: tests/python/make_encoder_vectors.py says which. Weights
-//! and inputs follow from names, so that the file holds outputs only.
+//! The paper's encoders against published implementations (tests/python/make_encoder_vectors.py). Weights and inputs
+//! follow from names, so that the file holds outputs only.
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};

@@ -1,5 +1,4 @@
-//! The gradients that the optimizer gets, the hand-written ones of the convolution blocks among them, against
-//! differences of the loss.
+//! The gradients that the optimizer gets against differences of the loss.
 
 use burn::module::ParamId;
 use burn::tensor::Device;
@@ -14,8 +13,7 @@ use crate::common;
 
 const FRAMES: usize = 21;
 const SENSORS: usize = 2;
-/// How far a parameter is moved to either side: small, because the loss has kinks where another frame becomes the worst
-/// of its stretch.
+/// How far a parameter is moved: little, as the loss has kinks where another frame becomes the worst of its stretch.
 const STEP: f32 = 1e-3;
 
 fn sequences() -> Sequences {

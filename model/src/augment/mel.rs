@@ -1,5 +1,4 @@
-//! Changes of what an accelerometer measures: another sound on top, colour, masked bins, noise; and the standardisation
-//! and the noise floor after them.
+//! Changes of what an accelerometer measures, and the standardisation and the noise floor after them.
 
 use std::ops::Range;
 
@@ -33,6 +32,8 @@ const PATH_SHAPE: f32 = 4.0;
 const MASK_MAX: usize = 5;
 /// Largest amplitude of the uniform noise on standardised log-mel.
 const NOISE_LOG_MEL: f32 = 0.1;
+/// Largest feature that the front end has.
+const LARGEST: f32 = i16::MAX as f32 / (1 << STANDARDISED_FRAC_BITS) as f32;
 
 /// Three slow waves over the bins, the slowest the largest.
 fn slow_shape(amplitude: f32, rng: &mut ChaCha8Rng) -> [f32; MEL_BINS] {
@@ -44,8 +45,7 @@ fn slow_shape(amplitude: f32, rng: &mut ChaCha8Rng) -> [f32; MEL_BINS] {
     })
 }
 
-/// Vibration from elsewhere, the same at all sensors: bursts such as steps and knocks, or a machine that runs on,
-/// such as a hand's own motor.
+/// Vibration from elsewhere, the same at all sensors: bursts such as knocks, or a machine such as the hand's motor.
 #[derive(Clone, Debug, Default)]
 pub struct Sound {
     bursts: Vec<Burst>,
@@ -153,8 +153,8 @@ impl MelChange {
         Floor { floor, warm_up_frames: (FIRST_FRAMES as usize).saturating_sub(frame) }
     }
 
-    /// One frame's ln of power to what the network sees; a masked bin becomes 0, the mean of a standardised
-    /// frame. `mean` of the sequence's ln of power, `frame` of the sequence.
+    /// One frame's ln of power to what the network sees; a masked bin becomes 0, the mean of a standardised frame.
+    /// `mean` of the sequence's ln of power, `frame` of the sequence.
     pub fn apply(
         &self,
         ln_power: &[f32; MEL_BINS],
@@ -201,12 +201,11 @@ impl Floor {
             *self = Self { floor: *ln, warm_up_frames: left };
             return [0.0; MEL_BINS];
         }
-        let largest = f32::from(i16::MAX) / (1 << STANDARDISED_FRAC_BITS) as f32;
         std::array::from_fn(|bin| {
             let difference = ln[bin] - self.floor[bin];
             let shift = if difference > 0.0 { RISE_SHIFT } else { FALL_SHIFT };
             self.floor[bin] += difference / (1 << shift) as f32;
-            (difference / 2.0).clamp(-largest, largest)
+            (difference / 2.0).clamp(-LARGEST, LARGEST)
         })
     }
 }
@@ -216,8 +215,7 @@ fn standardise(ln: &[f32; MEL_BINS]) -> [f32; MEL_BINS] {
     let mean = ln.iter().sum::<f32>() / MEL_BINS as f32;
     let variance = ln.iter().map(|x| (x - mean).powi(2)).sum::<f32>() / MEL_BINS as f32;
     let epsilon = STANDARDISE_EPSILON_Q32 as f32 / 2f32.powi(32);
-    let largest = f32::from(i16::MAX) / (1 << STANDARDISED_FRAC_BITS) as f32;
-    ln.map(|x| ((x - mean) / (variance + epsilon).sqrt()).clamp(-largest, largest))
+    ln.map(|x| ((x - mean) / (variance + epsilon).sqrt()).clamp(-LARGEST, LARGEST))
 }
 
 #[cfg(test)]

@@ -5,8 +5,6 @@ use rand_chacha::ChaCha8Rng;
 use slipsense::params::{COL_PITCH_MM, COUNT_MAX, ROW_PITCH_MM, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 use slipsense::sensor::is_active;
 
-use super::almost_normal;
-
 /// Share of sequences that are rotated.
 const ROTATED: f64 = 0.3;
 /// Largest roll: 30 % of a side.
@@ -46,8 +44,7 @@ impl PadChange {
         Self::new(angle_rad, flip, roll, gain, noise)
     }
 
-    /// Rotate about the pad's middle; flip rows, columns; then roll by this many rows, columns. `noise` in
-    /// counts.
+    /// Rotate about the pad's middle, flip rows, columns, then roll by so many rows, columns. `noise`: counts.
     pub fn new(angle_rad: f32, flip: [bool; 2], roll: [i32; 2], gain: f32, noise: f32) -> Self {
         let from = |at: usize, size: usize, roll: i32, flip: bool| {
             let rolled = (at as i32 - roll).rem_euclid(size as i32) as usize;
@@ -63,8 +60,8 @@ impl PadChange {
         Self { source: source.collect(), gain, noise }
     }
 
-    /// A scan, so much of the way `between` two of them, changed. Noise reaches loaded taxels only: on an empty pad, clipped at 0, it would look
-    /// like contact.
+    /// A scan, so much of the way `between` two of them, changed. Noise reaches loaded taxels only: clipped at 0 on an
+    /// empty pad, it would look like contact.
     pub fn apply(
         &self,
         [before, after]: [&[u16; TAXELS]; 2],
@@ -110,6 +107,12 @@ impl SlowArray {
     pub fn between(self, frame: usize) -> f32 {
         (frame % self.step) as f32 / self.step as f32
     }
+}
+
+/// Mean 0, variance 1: the sum of four uniform bytes.
+fn almost_normal(rng: &mut ChaCha8Rng) -> f32 {
+    let sum: i32 = rng.random::<u32>().to_le_bytes().iter().map(|&byte| i32::from(byte)).sum();
+    (sum - 510) as f32 / 147.8
 }
 
 /// The taxel nearest to where this one is before a rotation; the grid's pitch differs in rows and columns.

@@ -46,12 +46,6 @@ pub enum XlEncoder {
     Ssast,
 }
 
-impl PadEncoder {
-    pub const fn is_pretrained(self) -> bool {
-        matches!(self, Self::VitFrozen | Self::VitFinetuned)
-    }
-}
-
 /// What makes embeddings of rows: of scans one by one, or of a sensor's whole sequence of log-mel frames.
 #[allow(clippy::large_enum_variant, reason = "there are two of it in a network")]
 #[derive(Module, Debug)]
@@ -81,8 +75,7 @@ impl Encoder {
         }
     }
 
-    /// Rows that are embedded at once: the size of their activations, which is to fit a CPU's caches, and what batch
-    /// normalization takes its statistics from.
+    /// Rows that are embedded at once: as many as fit a CPU's caches, or batch normalization takes statistics from.
     pub(crate) fn rows_at_once(&self, device: &Device) -> usize {
         match self {
             Self::Vit(_) if is_cpu(device) => 8,

@@ -1,5 +1,4 @@
-//! A module's numbers by the path of their parameter, `encoder.layers.0.norm_1.gamma`: first values, running
-//! averages and files, without a word from the tensor library on how.
+//! A module's numbers by the path of their parameter, `encoder.layers.0.norm_1.gamma`: first values, averages, files.
 
 use std::collections::BTreeMap;
 use std::path::Path;

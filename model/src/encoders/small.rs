@@ -51,8 +51,7 @@ impl CustomCnn {
     }
 }
 
-/// Log-mel frames `[sequence, frame, bin]` to embeddings `[sequence, frame, embedding]`, every frame from itself and
-/// those before it.
+/// Log-mel frames `[sequence, frame, bin]` to embeddings `[sequence, frame, embedding]` by causal convolutions.
 fn of_frames(x: Tensor<3>, forward: impl FnOnce(Tensor<3>) -> Tensor<3>) -> Tensor<3> {
     forward(x.swap_dims(1, 2)).swap_dims(1, 2)
 }
@@ -63,8 +62,7 @@ fn causal(channels: [usize; 2], kernel: usize, device: &Device) -> Conv1d {
         .init(device)
 }
 
-/// Two layers of the last window's frames side by side: a filter as long as the window is the first, zeros stand
-/// before the start.
+/// Two layers of the last window's frames side by side, as a filter of that length; zeros stand before the start.
 #[derive(Module, Debug)]
 pub struct Mlp {
     hidden: Conv1d,

@@ -18,7 +18,7 @@ use slipsense::params::MEL_BINS;
 use super::named::{self, Named, Numbers};
 use super::vit::{layers, norm};
 use super::{EMBED, NORM_EPSILON};
-use crate::device::tensor;
+use crate::device::{integers, tensor};
 use crate::output;
 use crate::weights::FIRST_DIMS;
 
@@ -99,8 +99,7 @@ impl Ssast {
         Tensor::cat(all, 1).narrow(1, 0, length)
     }
 
-    /// The transformer of the authors' file, a state dict as safetensors; the projections of patches and embeddings
-    /// are this one's.
+    /// The transformer of the authors' file, a state dict as safetensors; both projections stay as they are.
     pub fn with_authors(self, path: &Path) -> Result<Self> {
         let place = || format!("cannot use {}", path.display());
         let theirs = named::from_bytes(&output::read(path)?)
@@ -226,10 +225,7 @@ impl SsastPretraining {
         order.shuffle(rng);
         let mut seen = vec![1.0; length];
         order[..hidden].iter().for_each(|&frame| seen[frame] = 0.0);
-        let places = Tensor::from_data(
-            TensorData::new(order[..hidden].iter().map(|&f| f as i32).collect(), [hidden]),
-            &device,
-        );
+        let places = integers(order[..hidden].iter().map(|&frame| frame as i32).collect(), &device);
         let seen = tensor::<3>(seen, [1, length, 1], &device);
         let mask = self.mask.val() * seen.clone().neg().add_scalar(1.0);
         let patches = self.ssast.patch.forward(frames.clone()) * seen + mask;

@@ -1,5 +1,4 @@
-//! The network as three tract graphs: one sensor's array, one sensor's accelerometer, and what follows the
-//! maximum over the sensors.
+//! The network as three tract graphs: one sensor's array, its accelerometer, and what follows the maximum over sensors.
 
 use std::sync::Arc;
 
@@ -64,7 +63,6 @@ fn reshape(from: &[usize], to: &[usize]) -> AxisOp {
     AxisOp::Reshape(0, from, to)
 }
 
-/// A graph in the making.
 struct Graph<'w> {
     model: TypedModel,
     weights: &'w Weights,

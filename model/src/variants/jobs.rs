@@ -28,8 +28,7 @@ pub(super) fn chains(missing: &[Job]) -> VecDeque<Vec<Job>> {
     chains.into()
 }
 
-/// Run all chains, `at_once` of them at a time, each on one thread. After an error the others finish the row that they
-/// are at.
+/// Run all chains, `at_once` at a time, each on one thread. After an error the others finish the row they are at.
 pub(super) fn run<J: Send, T: Send>(
     chains: VecDeque<Vec<J>>,
     at_once: usize,

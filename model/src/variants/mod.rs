@@ -76,7 +76,6 @@ pub struct Encoders {
 pub struct Variant {
     pub modality: Modality,
     pub fusion: Fusion,
-    /// Where the maximum over fingers is taken.
     pub pool: Pool,
     /// Channels, filters and embeddings, times those of the shipped network.
     pub size: usize,
@@ -149,18 +148,11 @@ impl Row {
             Making::Quantized | Making::TrainedOn { .. } => Some(BASE_ROW),
         }
     }
-
-    /// Does another row need its weights.
-    fn is_needed(&self) -> bool {
-        ROWS.iter().any(|row| row.needs() == Some(self.name))
-    }
 }
 
 /// Name of the row that the others differ from.
 pub const BASE_ROW: &str = "base";
-/// Name of the base in integers.
 const INTEGERS_ROW: &str = "integers";
-/// Name of the paper's network.
 const PAPER_ROW: &str = "paper";
 /// Name of the larger network that teaches.
 const TEACHER_ROW: &str = "wide";

@@ -10,22 +10,10 @@ use super::{BASE, Fusion, Modality, Pool, Variant};
 use crate::float::{Architecture, Band, Graph, Sequences};
 use crate::weights::{Weights, dims_of_size, first_values, specs};
 
-/// Layers of one modality from its first attention on.
-struct Stack {
-    first: &'static str,
-    temporal: &'static str,
-    head: &'static str,
-}
-
-const PIEZO: Stack = Stack { first: "cross_piezo", temporal: "temporal", head: "head" };
-const XL: Stack = Stack { first: "cross_xl", temporal: "temporal", head: "head" };
-/// Of late fusion, beside the pads' [`PIEZO`].
-const LATE_XL: Stack = Stack { first: "cross_xl", temporal: "temporal_xl", head: "head_xl" };
-
 /// Of [`Pool::WithMean`]: shares of the mean, by channel; 0 before training.
 const MEAN_LAYERS: [&str; 2] = ["piezo.mean", "xl.mean"];
 
-/// Name in [`LATE_XL`] of a layer of [`XL`].
+/// Name of the accelerometers' own layer in late fusion.
 fn late_name(layer: &str) -> &'static str {
     match layer {
         "temporal.query" => "temporal_xl.query",
@@ -34,7 +22,7 @@ fn late_name(layer: &str) -> &'static str {
         "temporal.out" => "temporal_xl.out",
         "temporal.score" => "temporal_xl.score",
         "temporal.norm" => "temporal_xl.norm",
-        _ => LATE_XL.head,
+        _ => "head_xl",
     }
 }
 
@@ -85,19 +73,20 @@ impl Variant {
             let share = graph.get(layer, "share").reshape([1, 1, width]);
             widest(x) + mean.reshape([batch, frames, width]) * share
         };
-        let alone = |stack: &Stack, x: Tensor<2>| {
+        // `late`: end of the names of layers that late fusion has twice.
+        let alone = |first: &str, late: &str, x: Tensor<2>| {
             let x = widest(of_sensors(x));
-            let x = graph.attention(stack.first, x.clone(), x, &band);
-            let x = graph.attention(stack.temporal, x.clone(), x, &band);
-            graph.head(stack.head, x)
+            let x = graph.attention(first, x.clone(), x, &band);
+            let x = graph.attention(&format!("temporal{late}"), x.clone(), x, &band);
+            graph.head(&format!("head{late}"), x)
         };
         let (piezo, xl) = match (piezo, xl) {
             (Some(piezo), Some(xl)) if self.fusion == Fusion::Late => {
-                return (alone(&PIEZO, piezo) + alone(&LATE_XL, xl)).mul_scalar(0.5);
+                return (alone("cross_piezo", "", piezo) + alone("cross_xl", "_xl", xl)).mul_scalar(0.5);
             }
             (Some(piezo), Some(xl)) => (of_sensors(piezo), of_sensors(xl)),
-            (Some(piezo), None) => return alone(&PIEZO, piezo),
-            (None, Some(xl)) => return alone(&XL, xl),
+            (Some(piezo), None) => return alone("cross_piezo", "", piezo),
+            (None, Some(xl)) => return alone("cross_xl", "", xl),
             (None, None) => unreachable!("every network has a modality"),
         };
         let fused = match self.pool {

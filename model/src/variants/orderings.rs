@@ -234,7 +234,6 @@ pub struct Comparisons {
     pub synthetic: bool,
     /// The command that makes them again.
     pub command: String,
-    /// What every row got.
     pub budget: Budget,
     pub rows: Vec<RowResults>,
     /// The paper's tables beside ours.
@@ -244,7 +243,6 @@ pub struct Comparisons {
 }
 
 impl Comparisons {
-    /// Collect what is finished.
     pub fn new(command: String, budget: Budget, finished: &[Finished]) -> Self {
         let rows: Vec<RowResults> = ROWS.iter().filter_map(|row| RowResults::new(row, finished)).collect();
         Self {

@@ -6,7 +6,7 @@
 use anyhow::Result;
 use burn::module::Module;
 use burn::optim::{GradientsAccumulator, GradientsParams};
-use burn::tensor::{Device, Int, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use slipsense::net::format::TensorSpec;
@@ -15,7 +15,7 @@ use std::path::Path;
 
 use super::train::Training;
 use super::{BASE, Encoders, Variant};
-use crate::device::{numbers, tensor};
+use crate::device::{integers, numbers, tensor};
 use crate::encoders::named::{self, Named};
 use crate::encoders::{EMBED, Encoder, MaskedPatches, PadEncoder, SsastPretraining, VitMae};
 use crate::float::{Architecture, FloatNetwork, Graph, Sequences, Step, plain};
@@ -179,8 +179,7 @@ impl PaperNetwork {
 
 /// Both embeddings of every scan side by side.
 fn features(pads: Tensor<2>, xl: Tensor<2>, row: Vec<i32>) -> Tensor<2> {
-    let count = row.len();
-    let row = Tensor::<1, Int>::from_data(TensorData::new(row, [count]), &pads.device());
+    let row = integers(row, &pads.device());
     Tensor::cat(vec![pads.select(0, row), xl], 1)
 }
 

@@ -14,7 +14,6 @@ pub struct PaperComparison {
     pub paper: &'static PaperRow,
     pub row: &'static str,
     pub ours: RowSplit,
-    /// See [`super::results::Finished`].
     pub window_ms: Option<Spread>,
 }
 

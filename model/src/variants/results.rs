@@ -145,7 +145,6 @@ pub struct Finished {
     pub seed: u64,
     /// All figures are of generated episodes.
     pub synthetic: bool,
-    /// What it was given.
     pub budget: Budget,
     /// What trained and ran it.
     #[serde(default)]
@@ -156,8 +155,7 @@ pub struct Finished {
     pub loss: Option<f64>,
     /// Training and scoring, seconds.
     pub wall_s: f64,
-    /// The whole network on one window of two sensors in contact, on this computer, milliseconds; null where no scored episode
-    /// slips.
+    /// The whole network on one window of two sensors in contact, on this computer, ms; null where no episode slips.
     pub window_ms: Option<f64>,
     pub splits: Vec<SplitFigures>,
     /// Of rows with our encoders, on validation data at ten false alarms per hour.
@@ -210,7 +208,6 @@ pub struct RowSplit {
     pub macro_f1: Option<Spread>,
     pub accuracy: Option<Spread>,
     pub fpr_of_non_slip_share: Option<Spread>,
-    /// See [`SplitFigures`]; null where a seed's is.
     pub latency_median_frames: Option<Spread>,
 }
 
@@ -218,12 +215,9 @@ pub struct RowSplit {
 #[derive(Clone, Debug, Serialize)]
 pub struct RowResults {
     pub row: &'static str,
-    /// What is compared.
     pub group: &'static str,
     pub about: &'static str,
-    /// Trained numbers.
     pub parameters: usize,
-    /// See [`Finished`].
     pub window_ms: Option<Spread>,
     /// Of all seeds.
     pub devices: Vec<DeviceName>,

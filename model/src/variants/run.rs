@@ -16,11 +16,11 @@ use super::paper::{PaperNetwork, Pretrained, kept};
 use super::results::{Budget, Finished};
 use super::sets::{SPLITS, Sets};
 use super::train::Training;
-use super::{Making, Row, Variant, example, integers, row_named};
+use super::{Making, ROWS, Row, Variant, example, integers, row_named};
 use crate::batch::{Options, Sampler};
 use crate::data::{Features, is_of_laboratory};
 use crate::device::DeviceName;
-use crate::encoders::{Ssast, Vit, XlEncoder, named};
+use crate::encoders::{PadEncoder, Ssast, Vit, XlEncoder, named};
 use crate::float::FloatNetwork;
 use crate::mining::mine;
 use crate::progress::progress;
@@ -77,7 +77,7 @@ impl Run<'_> {
             .ours(&row.variant, start, teacher)
             .with_context(|| format!("row {}, seed {seed}", row.name))?;
         bar.finish_and_clear();
-        if row.is_needed() {
+        if ROWS.iter().any(|other| other.needs() == Some(row.name)) {
             weights.write(&kept_weights(out, row.name, seed))?;
         }
         let network = FloatNetwork::new(&weights, device);
@@ -141,7 +141,7 @@ impl Run<'_> {
         let training = Training { sampler: &sampler, budget, seed, device, bar: &bar };
         let mut pretrained = Pretrained::default();
         let pretraining = self.pretraining[&seed].lock().expect("no row panics with the lock");
-        if encoders.pads.is_pretrained() {
+        if matches!(encoders.pads, PadEncoder::VitFrozen | PadEncoder::VitFinetuned) {
             bar.set_message("ViT-MAE");
             let path = out.join(format!("vit-mae-{seed}.safetensors"));
             pretrained.vit = Some(kept(&path, &Vit::new(device), || training.pretrain_vit())?);

@@ -22,8 +22,7 @@ pub struct Sets {
     pub train: Vec<Features>,
     /// In the order of [`SPLITS`].
     pub splits: Vec<(Split, Vec<Features>)>,
-    /// Of validation objects, what the detector is judged on: in the laboratory's physics and in families, with slip and
-    /// without.
+    /// What the detector is judged on: validation objects in the laboratory's physics and in families, half without slip.
     pub detector: Vec<Features>,
 }
 
@@ -47,8 +46,7 @@ impl Sets {
         Ok(Self { train, splits, detector })
     }
 
-    /// What a network reaches on the first episodes of some splits by these outputs of an episode; `bar` moves once an
-    /// episode.
+    /// What a network with these outputs reaches on the first episodes of some splits; `bar` moves once an episode.
     pub fn score(
         &self,
         splits: &[Split],
@@ -87,11 +85,9 @@ impl Sets {
 
     /// A window that ends with the first frame of a slip.
     pub fn window(&self) -> Option<Features> {
-        let episodes = self.splits.iter().flat_map(|(_, episodes)| episodes);
-        let cut = |features: &Features| {
+        self.splits.iter().flat_map(|(_, episodes)| episodes).find_map(|features| {
             let end = features.label.iter().position(|&class| class == SLIP)? + 1;
             Some(features.cut(end.checked_sub(BASE.window)?..end))
-        };
-        episodes.filter_map(cut).next()
+        })
     }
 }

@@ -5,7 +5,6 @@ use std::fmt;
 use super::orderings::{Comparisons, Cost, Verdict};
 use super::published;
 use super::results::{Budget, RowSplit, Spread};
-use crate::device::DeviceName;
 use crate::evaluate::VALIDATION_ALARMS_PER_HOUR;
 
 /// Width of the first column.
@@ -21,7 +20,6 @@ fn cell(spread: Option<Spread>, scale: f64, decimals: usize, missing: &str) -> S
     if low == high { text(mean) } else { format!("{} ({low}–{high})", text(mean)) }
 }
 
-/// How a figure of a row and split is written.
 type Show = fn(&RowSplit) -> String;
 
 const FIGURES: [(&str, Show); 4] = [
@@ -70,7 +68,7 @@ impl fmt::Display for Comparisons {
         )?;
         for row in &self.rows {
             let time = cell(row.window_ms, 1.0, 1, "–");
-            let by = row.devices.iter().map(DeviceName::to_string).collect::<Vec<_>>().join(", ");
+            let by = row.devices.iter().map(|device| device.name()).collect::<Vec<_>>().join(", ");
             let missed = cell(row.detector_missed, 100.0, 0, "–");
             writeln!(
                 f,
@@ -81,12 +79,9 @@ impl fmt::Display for Comparisons {
         writeln!(
             f,
             "detector: sustained sliding of {} episodes of each validation split at {VALIDATION_ALARMS_PER_HOUR} false alarms \
-             per hour, frame by frame",
+             per hour, frame by frame\n\
+             instructions of the rows that fit the microcontroller: cargo xtask bench --only layouts",
             self.budget.detector_episodes
-        )?;
-        writeln!(
-            f,
-            "instructions of the rows that fit the microcontroller: cargo xtask bench --only layouts"
         )?;
         if !self.published.is_empty() {
             writeln!(f, "\n{}\n{}", published::HEADING, published::header())?;

@@ -31,9 +31,8 @@ pub struct Training<'a> {
 }
 
 impl Training<'_> {
-    /// Train one of our networks: the running average of its weights, and the mean loss of the last tenth of the steps,
-    /// nat. It begins with the weights `start`, else with random ones. A teacher, with its trained weights, sees the
-    /// batches as they are drawn.
+    /// Train one of our networks from the weights `start`, else from random ones: the running average of its weights, and
+    /// the mean loss of the last tenth of the steps, nat.
     pub fn ours(
         &self,
         variant: &Variant,

@@ -1,6 +1,5 @@
-//! What each family of physics is good for: a network is trained without it, and judged on every family of its stage
-//! beside one that was trained on all. `slipsense leave-out` trains the networks that are missing, scores them, and puts
-//! all side by side.
+//! `slipsense leave-out`, what each family of physics is good for: a network is trained without it, and judged on every
+//! family of its stage beside one that was trained on all.
 
 mod picture;
 mod results;
@@ -167,7 +166,6 @@ impl Sets {
         })
     }
 
-    /// Train and score.
     fn run(
         &self,
         without: Option<FamilyAt>,

@@ -33,12 +33,8 @@ pub(super) fn svg(results: &Results) -> Result<String> {
             let style = ("sans-serif", 13).into_text_style(root).pos(Pos::new(side, VPos::Center));
             root.draw(&Text::new(text.to_owned(), (x, y), style))
         };
-        write(
-            "Macro F1 on each family, %, and what it costs to train without one, points",
-            12,
-            20,
-            HPos::Left,
-        )?;
+        let title = "Macro F1 on each family, %, and what it costs to train without one, points";
+        write(title, 12, 20, HPos::Left)?;
         let below = "Synthetic data; episodes of a stage differ in that family alone. * no network saw it. ! the 95 % interval is on one side of 0";
         write(below, 12, 40, HPos::Left)?;
         for (number, families) in results.tested.chunks(FAMILIES).enumerate() {

@@ -86,9 +86,8 @@ impl Results {
             done.scores.iter().find(|(tested, _)| *tested == stage).map(|(_, families)| &families[place])
         };
         let spread = |without, at| {
-            Spread::new(
-                seeds.iter().map(|&seed| of(without, seed, at).and_then(|all| macro_f1(all.iter().copied()))),
-            )
+            let of_seed = |&seed: &u64| macro_f1(of(without, seed, at)?.iter().copied());
+            Spread::new(seeds.iter().map(of_seed))
         };
         let cost = |left_out: FamilyAt, at: FamilyAt| {
             let pair = |&seed: &u64| {

@@ -14,7 +14,7 @@ use slipsense::net::format::{Dims, TensorSpec};
 use slipsense::params::{CLASSES, OUTPUTS, XL_FEATURES};
 
 use crate::detector_loss;
-use crate::device::{integers, numbers, tensor};
+use crate::device::{numbers, tensor};
 use crate::piezo::{self, Filters, Tape};
 use crate::target::Target;
 use crate::weights::Weights;
@@ -201,7 +201,7 @@ impl Band {
         let pairs = || (0..window).flat_map(|t| (0..2 * window).map(move |j| (t, j)));
         // Frame t of a chunk is number window + t of the two.
         let lag = pairs().map(|(t, j)| (window + t).saturating_sub(j).min(window - 1) as i32);
-        let lag = integers(lag.collect(), device);
+        let lag = Tensor::from_data(&lag.collect::<Vec<_>>()[..], device);
         let seen = |chunk: usize, (t, j): (usize, usize)| {
             let in_band = j <= window + t && window + t - j < window;
             let exists = chunk > 0 || j >= window;
@@ -261,19 +261,14 @@ impl Graph<'_> {
 
     /// Embeddings `[batch · sensor · frame, embed]` of every frame's `values`, `[batch, sensor, frame, 32]`.
     pub(crate) fn xl(&self, values: &[f32], frames: usize) -> Tensor<2> {
-        let inputs = XL_FEATURES;
+        let sequences = values.len() / (frames * XL_FEATURES);
         let seen = self.specs[self.index("xl.conv", "weight")].cols;
-        let taps = seen / inputs;
+        let taps = seen / XL_FEATURES;
+        let x = tensor::<3>(values.to_vec(), [sequences, frames, XL_FEATURES], &self.device);
         // Each row: the frames up to this one, oldest first, zeros before the start.
-        let mut x = vec![0f32; values.len() * taps];
-        for (sequence, rows) in values.chunks_exact(frames * inputs).zip(x.chunks_exact_mut(frames * seen)) {
-            for (t, row) in rows.chunks_exact_mut(seen).enumerate() {
-                let frames = (t + 1).min(taps);
-                let from = (t + 1 - frames) * inputs;
-                row[seen - frames * inputs..].copy_from_slice(&sequence[from..(t + 1) * inputs]);
-            }
-        }
-        let x = relu(self.dense("xl.conv", tensor::<2>(x, [values.len() / inputs, seen], &self.device)));
+        let x = x.pad([(taps - 1, 0), (0, 0)], 0.0);
+        let x = Tensor::cat((0..taps).map(|tap| x.clone().narrow(1, tap, frames)).collect(), 2);
+        let x = relu(self.dense("xl.conv", x.reshape([sequences * frames, seen])));
         let x = relu(self.dense("xl.mix1", x));
         self.dense("xl.mix2", x)
     }
@@ -284,25 +279,17 @@ impl Graph<'_> {
         let by_lag = self.get(&format!("{block}.score"), "bias");
         let [heads, window] = by_lag.dims();
         let (head_width, chunks) = (width / heads, band.chunks);
-        let missing = chunks * window - l;
         // [batch, head, chunk, frame of the chunk, column]
         let project = |part: &str, x: Tensor<3>| {
             let y = self.dense(&format!("{block}.{part}"), x.reshape([b * l, width])).reshape([b, l, width]);
-            let y = match missing {
-                0 => y,
-                _ => Tensor::cat(vec![y.clone(), Tensor::zeros([b, missing, width], &y.device())], 1),
-            };
-            y.reshape([b, chunks * window, heads, head_width])
+            y.pad([(0, chunks * window - l), (0, 0)], 0.0)
+                .reshape([b, chunks * window, heads, head_width])
                 .swap_dims(1, 2)
                 .reshape([b, heads, chunks, window, head_width])
         };
         // Each chunk behind the one before it.
         let with_before = |x: Tensor<5>| {
-            let none = Tensor::zeros([b, heads, 1, window, head_width], &x.device());
-            let before = match chunks {
-                1 => none,
-                _ => Tensor::cat(vec![none, x.clone().narrow(2, 0, chunks - 1)], 2),
-            };
+            let before = x.clone().pad([(1, 0), (0, 0), (0, 0)], 0.0).narrow(2, 0, chunks);
             Tensor::cat(vec![before, x], 3)
         };
         let query = project("query", x.clone());

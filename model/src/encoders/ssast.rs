@@ -10,7 +10,7 @@ use burn::module::{Module, Param};
 use burn::nn::transformer::{TransformerEncoder, TransformerEncoderInput};
 use burn::nn::{LayerNorm, Linear, LinearConfig};
 use burn::tensor::activation::{log_softmax, relu};
-use burn::tensor::{Bool, Device, Tensor, TensorData};
+use burn::tensor::{Bool, Device, Int, Tensor, TensorData};
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use slipsense::params::MEL_BINS;
@@ -18,7 +18,7 @@ use slipsense::params::MEL_BINS;
 use super::named::{self, Named, Numbers};
 use super::vit::{layers, norm};
 use super::{EMBED, NORM_EPSILON};
-use crate::device::{integers, tensor};
+use crate::device::tensor;
 use crate::output;
 use crate::weights::FIRST_DIMS;
 
@@ -86,8 +86,7 @@ impl Ssast {
         let half = WINDOW / 2;
         let count = length.saturating_sub(WINDOW).div_ceil(half) + 1;
         let padded = if count == 1 { length } else { half * (count + 1) };
-        let missing = Tensor::zeros([sequences, padded - length, MEL_BINS], &frames.device());
-        let frames = if padded > length { Tensor::cat(vec![frames, missing], 1) } else { frames };
+        let frames = frames.pad([(0, padded - length), (0, 0)], 0.0);
         let window = padded.min(WINDOW);
         let windows = (0..count).map(|n| frames.clone().narrow(1, n * half, window)).collect();
         let hidden = self.hidden(Tensor::cat(windows, 0), true);
@@ -225,7 +224,8 @@ impl SsastPretraining {
         order.shuffle(rng);
         let mut seen = vec![1.0; length];
         order[..hidden].iter().for_each(|&frame| seen[frame] = 0.0);
-        let places = integers(order[..hidden].iter().map(|&frame| frame as i32).collect(), &device);
+        let places: Vec<i32> = order[..hidden].iter().map(|&frame| frame as i32).collect();
+        let places = Tensor::<1, Int>::from_data(&places[..], &device);
         let seen = tensor::<3>(seen, [1, length, 1], &device);
         let mask = self.mask.val() * seen.clone().neg().add_scalar(1.0);
         let patches = self.ssast.patch.forward(frames.clone()) * seen + mask;

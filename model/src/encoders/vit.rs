@@ -4,14 +4,14 @@
 use burn::module::{Module, Param};
 use burn::nn::transformer::{TransformerEncoder, TransformerEncoderConfig, TransformerEncoderInput};
 use burn::nn::{LayerNorm, LayerNormConfig, Linear, LinearConfig};
-use burn::tensor::{Device, Tensor};
+use burn::tensor::{Device, Int, Tensor};
 use rand::Rng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use slipsense::params::{TAXEL_ROWS, TAXELS};
 
 use super::{EMBED, NORM_EPSILON};
-use crate::device::{integers, tensor};
+use crate::device::tensor;
 
 /// Taxels along a side of a patch, patches along a side of a scan, numbers of each.
 const SIDE: usize = 4;
@@ -59,7 +59,7 @@ fn patches(scans: Tensor<2>) -> Tensor<3> {
 fn rows(of: Tensor<2>, indices: Vec<i32>, scans: usize) -> Tensor<3> {
     let [_, width] = of.dims();
     let count = indices.len();
-    let indices = integers(indices, &of.device());
+    let indices = Tensor::<1, Int>::from_data(&indices[..], &of.device());
     of.select(0, indices).reshape([scans, count / scans, width])
 }
 

@@ -6,7 +6,7 @@
 use anyhow::Result;
 use burn::module::Module;
 use burn::optim::{GradientsAccumulator, GradientsParams};
-use burn::tensor::{Device, Tensor};
+use burn::tensor::{Device, Int, Tensor};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use slipsense::net::format::TensorSpec;
@@ -15,7 +15,7 @@ use std::path::Path;
 
 use super::train::Training;
 use super::{BASE, Encoders, Variant};
-use crate::device::{integers, numbers, tensor};
+use crate::device::{numbers, tensor};
 use crate::encoders::named::{self, Named};
 use crate::encoders::{EMBED, Encoder, MaskedPatches, PadEncoder, SsastPretraining, VitMae};
 use crate::float::{Architecture, FloatNetwork, Graph, Sequences, Step, plain};
@@ -124,7 +124,7 @@ impl PaperNetwork {
         let pads = embed(&self.pads, &scans.rows, TAXELS, 0, device);
         let xl = embed(&self.xl, &bins(input), input.frames * MEL_BINS, 0, device);
         let fusion = Fusion(*variant);
-        plain(fusion.forward(&self.fusion.graph(&fusion), input, Some(features(pads, xl, scans.row))))
+        plain(fusion.forward(&self.fusion.graph(&fusion), input, Some(features(pads, xl, &scans.row))))
     }
 
     /// Of a batch, by a network that is to be trained. The encoders run twice, a few rows at a time: their activations
@@ -136,7 +136,7 @@ impl PaperNetwork {
         let pads = embed(&self.pads, &scans.rows, TAXELS, seed, device).require_grad();
         let xl = embed(&self.xl, &bins, frames, seed, device).require_grad();
         let fusion = Fusion(*variant);
-        let seen = features(pads.clone(), xl.clone(), scans.row);
+        let seen = features(pads.clone(), xl.clone(), &scans.row);
         let outputs = fusion.forward(&self.fusion.graph(&fusion), input, Some(seen));
         let loss = FloatNetwork::loss(outputs, input);
         let value = f64::from(loss.clone().into_scalar::<f32>());
@@ -178,8 +178,8 @@ impl PaperNetwork {
 }
 
 /// Both embeddings of every scan side by side.
-fn features(pads: Tensor<2>, xl: Tensor<2>, row: Vec<i32>) -> Tensor<2> {
-    let row = integers(row, &pads.device());
+fn features(pads: Tensor<2>, xl: Tensor<2>, row: &[i32]) -> Tensor<2> {
+    let row = Tensor::<1, Int>::from_data(row, &pads.device());
     Tensor::cat(vec![pads.select(0, row), xl], 1)
 }
 

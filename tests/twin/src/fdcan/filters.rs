@@ -4,7 +4,7 @@ use rigless::soc::stm32h743::generated::fdcan1::Register;
 use slipsense_can_sim::{Format, Frame, Id};
 
 use super::Fdcan;
-use super::registers::field;
+use super::registers::{gfc, sidfc, xidfc};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Accepted {
@@ -46,8 +46,8 @@ impl Fdcan {
         let (found, reject_remote, unmatched) = match frame.id() {
             Id::Standard(id) => {
                 let sidfc = self.get(Register::FdcanSidfc);
-                let start = field(sidfc, 2, 14) as usize;
-                let found = (0..field(sidfc, 16, 8).min(128) as usize).find_map(|index| {
+                let start = sidfc::FLSSA.get(sidfc) as usize;
+                let found = (0..sidfc::LSS.get(sidfc).min(128) as usize).find_map(|index| {
                     let word = self.ram.read(start + index)?;
                     let (id1, id2, code) = (word >> 16 & 0x7FF, word & 0x7FF, word >> 27 & 7);
                     // A dedicated buffer's element matches SFID1 exactly.
@@ -58,13 +58,13 @@ impl Fdcan {
                     };
                     if hit { configured(code, index as u8) } else { None }
                 });
-                (found, field(global, 1, 1), field(global, 4, 2))
+                (found, gfc::RRFS.is_set(global), gfc::ANFS.get(global))
             }
             Id::Extended(id) => {
                 let xidfc = self.get(Register::FdcanXidfc);
-                let start = field(xidfc, 2, 14) as usize;
+                let start = xidfc::FLESA.get(xidfc) as usize;
                 let mask = self.get(Register::FdcanXidam) as u32;
-                let found = (0..field(xidfc, 16, 7).min(64) as usize).find_map(|index| {
+                let found = (0..xidfc::LSE.get(xidfc).min(64) as usize).find_map(|index| {
                     let (f0, f1) = (self.ram.read(start + 2 * index)?, self.ram.read(start + 2 * index + 1)?);
                     let (id1, id2, code, kind) = (f0 & 0x1FFF_FFFF, f1 & 0x1FFF_FFFF, f0 >> 29, f1 >> 30);
                     let hit = match (code, kind) {
@@ -75,10 +75,10 @@ impl Fdcan {
                     };
                     if hit { configured(code, index as u8) } else { None }
                 });
-                (found, field(global, 0, 1), field(global, 2, 2))
+                (found, gfc::RRFE.is_set(global), gfc::ANFE.get(global))
             }
         };
-        if remote && reject_remote != 0 {
+        if remote && reject_remote {
             return Accepted::Rejected;
         }
         found.unwrap_or(match unmatched {

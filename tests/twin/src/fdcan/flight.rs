@@ -5,7 +5,7 @@ use rigless::soc::stm32h743::generated::fdcan1::Register;
 use rigless::time::VirtualNanos;
 use slipsense_can_sim::{ErrorState, Field, Frame, Outcome};
 
-use super::registers::{cccr, interrupt, psr};
+use super::registers::{ACK_ERROR, BIT0_ERROR, cccr, interrupt, psr};
 use super::wire::{MCU, PEER};
 use super::{Fdcan, InFlight};
 
@@ -61,22 +61,19 @@ impl Fdcan {
         let mut status = self.get(Register::FdcanPsr);
         let code = match flight.attempt.outcome {
             Outcome::Sent => 0,
-            Outcome::NotAcknowledged => psr::ACK_ERROR,
-            Outcome::Error(_) => psr::BIT0_ERROR,
+            Outcome::NotAcknowledged => ACK_ERROR,
+            Outcome::Error(_) => BIT0_ERROR,
         };
         let format = flight.frame.format();
         let in_data = format.switches()
             && matches!(flight.attempt.outcome, Outcome::Error(field) if field >= Field::Data && field < Field::AckSlot);
-        if in_data {
-            status = status & !psr::DLEC | code << 8;
-        } else {
-            status = status & !psr::LEC | code;
-        }
+        let (last, error) = if in_data { (psr::DLEC, interrupt::PED) } else { (psr::LEC, interrupt::PEA) };
+        status = last.set(status, code);
         if code != 0 {
-            self.raise(if in_data { interrupt::PED } else { interrupt::PEA });
+            self.raise(error.mask());
         }
         if (flight.attempt.node == PEER || self.loops()) && format.is_fd() {
-            status |= psr::RFDF | if format.switches() { psr::RBRS } else { 0 };
+            status |= psr::REDL.mask() | if format.switches() { psr::RBRS.mask() } else { 0 };
         }
         self.set(Register::FdcanPsr, status);
         self.update_counters();
@@ -98,14 +95,14 @@ impl Fdcan {
             (is_off, psr::BO, interrupt::BO),
         ] {
             let status = self.get(Register::FdcanPsr);
-            if stands != (status & flag != 0) {
-                self.set(Register::FdcanPsr, status ^ flag);
-                self.raise(interrupt);
+            if stands != flag.is_set(status) {
+                self.set(Register::FdcanPsr, status ^ flag.mask());
+                self.raise(interrupt.mask());
             }
         }
         if is_off && !self.was_off {
             // Bus-off: INIT is set by hardware, and the node stays silent until software clears it.
-            self.set_bits(Register::FdcanCccr, cccr::INIT);
+            self.set_bits(Register::FdcanCccr, cccr::INIT.mask());
             self.start = None;
         }
         self.was_off = is_off;

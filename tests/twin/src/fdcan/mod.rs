@@ -32,13 +32,13 @@ mod tx;
 pub mod wire;
 
 use rigless::device::{Device, DeviceContext as Context, Level, RegisterFile};
-use rigless::soc::Layout;
 use rigless::soc::stm32h743::generated::fdcan1::Register;
+use rigless::soc::{FieldSpec, Layout};
 use rigless::time::EventId;
 use slipsense_can_sim::{Attempt, Frame, Timing};
 
 use message_ram::MessageRam;
-use registers::{LOOPBACK, RX, Registers, Rule, TX_DOMINANT, cccr, field, psr, rule};
+use registers::{Rule, TX_DOMINANT, UNCHANGED, cccr, pins, psr, rule};
 use wire::Wire;
 
 #[derive(Debug)]
@@ -73,7 +73,7 @@ pub struct Fdcan {
     timestamp_from: u64,
     lines: [bool; 2],
     /// Every register. The bus reads copies, and lets a write land in them before it comes here.
-    registers: Registers,
+    registers: Vec<u64>,
     /// For every frame sent: virtual time of its request.
     pub requests: Vec<(u64, u64)>,
 }
@@ -81,15 +81,15 @@ pub struct Fdcan {
 impl Fdcan {
     /// An instance on wires of its own.
     pub fn new(ram: MessageRam) -> Self {
-        Self { ram, ..Self::default() }
+        Self { ram, registers: registers::reset(), ..Self::default() }
     }
 
     fn get(&self, register: Register) -> u64 {
-        self.registers.0[register.index()]
+        self.registers[register.index()]
     }
 
     fn set(&mut self, register: Register, value: u64) {
-        self.registers.0[register.index()] = value;
+        self.registers[register.index()] = value;
     }
 
     fn set_bits(&mut self, register: Register, bits: u64) {
@@ -111,17 +111,18 @@ impl Fdcan {
         self.show(registers);
     }
 
-    fn has(&self, control: u64) -> bool {
-        self.get(Register::FdcanCccr) & control == control
+    /// A bit of CCCR.
+    fn has(&self, control: &FieldSpec) -> bool {
+        control.is_set(self.get(Register::FdcanCccr))
     }
 
     fn running(&self) -> bool {
-        self.get(Register::FdcanCccr) & (cccr::INIT | cccr::CSA) == 0 && self.timing.is_some()
+        !self.has(cccr::INIT) && !self.has(cccr::CSA) && self.timing.is_some()
     }
 
     /// Test modes: in loop back RX is fed from TX inside the instance, and the pin is not read.
     fn loops(&self) -> bool {
-        self.has(cccr::TEST) && self.get(Register::FdcanTest) & LOOPBACK != 0
+        self.has(cccr::TEST) && pins::LBCK.is_set(self.get(Register::FdcanTest))
     }
 
     fn wire_at_rx(&self) -> &Wire {
@@ -165,14 +166,15 @@ impl Device for Fdcan {
             Register::FdcanTscv => Some(self.timestamp(context.now().0).into()),
             // TX under software's control; a transceiver carries its level to RX.
             Register::FdcanTest => {
-                let low = self.wire.has_transceiver && field(value, 5, 2) == TX_DOMINANT;
-                Some(value & !RX | if low { 0 } else { RX })
+                let low = self.wire.has_transceiver && pins::TX.get(value) == TX_DOMINANT;
+                Some(pins::RX.set(value, u64::from(!low)))
             }
             // Reading clears its flags: LEC and DLEC go to "no change", the receive flags and PXE to 0, CEL
             // to 0 (protocol status register, error counter register).
             Register::FdcanPsr => {
-                let cleared = value & !(psr::RESI | psr::RBRS | psr::RFDF | psr::PXE);
-                self.set(register, cleared | psr::UNCHANGED | psr::UNCHANGED << 8);
+                let flags = [psr::RESI, psr::RBRS, psr::REDL, psr::PXE];
+                let cleared = flags.iter().fold(value, |value, flag| flag.set(value, 0));
+                self.set(register, psr::DLEC.set(psr::LEC.set(cleared, UNCHANGED), UNCHANGED));
                 self.settle(file, context);
                 Some(value)
             }
@@ -196,7 +198,7 @@ impl Device for Fdcan {
             Some(Rule::Special) => {}
             Some(Rule::Bits(mask)) => self.set(register, value & mask),
             Some(Rule::Protected(mask)) => {
-                if self.has(cccr::INIT | cccr::CCE) {
+                if self.has(cccr::INIT) && self.has(cccr::CCE) {
                     self.set(register, value & mask);
                 } else if value & mask != old {
                     context.tell(register.spec().name, "written without CCE and INIT, and is ignored");

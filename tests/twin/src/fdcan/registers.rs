@@ -1,11 +1,17 @@
 //! Bits, reset values and write protection of the FDCAN's registers: RM0433, chapter FDCAN, register sections.
 //!
-//! The addresses and names are the vendor's table in the emulator; its reset values are all zero and some of its
-//! registers are marked read-only that are not (DBTP, TEST, RWD, TDCR, IR, IE, ILS), so what a register takes is
-//! said here. The values are those of RM0433 as remembered; embassy's driver checks CREL and ENDN.
+//! Addresses, names and fields are the vendor's table in the emulator, where BRSE is BSE and RFDF is REDL. Some fields of
+//! FIFO 0 are too wide there, so FIFO 1's serve both. Its reset values are all zero and some of its registers are marked
+//! read-only that are not (DBTP, TEST, RWD, TDCR, IR, IE, ILS), so what a register takes is said here. The values are
+//! those of RM0433 as remembered; embassy's driver checks CREL and ENDN.
 
 use rigless::soc::Layout;
 use rigless::soc::stm32h743::generated::fdcan1::Register;
+pub use rigless::soc::stm32h743::generated::fdcan1::{
+    fdcan_cccr as cccr, fdcan_dbtp as dbtp, fdcan_gfc as gfc, fdcan_ir as interrupt, fdcan_nbtp as nbtp,
+    fdcan_psr as psr, fdcan_rxf1c as rxfc, fdcan_rxf1s as rxfs, fdcan_sidfc as sidfc, fdcan_tdcr as tdcr,
+    fdcan_test as pins, fdcan_tscc as tscc, fdcan_txbc as txbc, fdcan_xidfc as xidfc,
+};
 
 const RESET: &[(Register, u64)] = &[
     (Register::FdcanCrel, 0x3214_1218),
@@ -19,17 +25,11 @@ const RESET: &[(Register, u64)] = &[
     (Register::FdcanXidam, 0x1FFF_FFFF),
 ];
 
-/// The value of each register, by its index.
-#[derive(Debug)]
-pub struct Registers(pub Vec<u64>);
-
-/// As after a reset.
-impl Default for Registers {
-    fn default() -> Self {
-        let mut values = vec![0; Register::ALL.len()];
-        RESET.iter().for_each(|&(register, value)| values[register.index()] = value);
-        Self(values)
-    }
+/// The value of each register after a reset, by its index.
+pub fn reset() -> Vec<u64> {
+    let mut values = vec![0; Register::ALL.len()];
+    RESET.iter().for_each(|&(register, value)| values[register.index()] = value);
+    values
 }
 
 /// What becomes of a value that software writes.
@@ -66,87 +66,19 @@ pub fn rule(register: Register) -> Option<Rule> {
         R::FdcanIe | R::FdcanIls => Rule::Bits(0x3FFF_FFFF),
         R::FdcanIle => Rule::Bits(0b11),
         R::FdcanTxbtie | R::FdcanTxbcie => Rule::Bits(0xFFFF_FFFF),
-        // What software may only read.
-        R::FdcanCrel
-        | R::FdcanEndn
-        | R::FdcanHpms
-        | R::FdcanTxfqs
-        | R::FdcanTxbrp
-        | R::FdcanTxbto
-        | R::FdcanTxbcf
-        | R::FdcanRxf0s
-        | R::FdcanRxf1s
-        | R::FdcanEcr
-        | R::FdcanPsr
-        | R::FdcanCccr
-        | R::FdcanTest
-        | R::FdcanIr
-        | R::FdcanTscv
-        | R::FdcanTocv
-        | R::FdcanRxf0a
-        | R::FdcanRxf1a
-        | R::FdcanTxbar
-        | R::FdcanTxbcr => Rule::Special,
-        _ => return None,
+        R::FdcanNdat1 | R::FdcanNdat2 | R::FdcanTxefs | R::FdcanTxefa => return None,
+        _ if register.index() >= R::FdcanTttmc.index() => return None,
+        _ => Rule::Special,
     })
 }
 
-pub mod cccr {
-    pub const INIT: u64 = 1 << 0;
-    pub const CCE: u64 = 1 << 1;
-    pub const ASM: u64 = 1 << 2;
-    pub const CSA: u64 = 1 << 3;
-    pub const CSR: u64 = 1 << 4;
-    pub const MON: u64 = 1 << 5;
-    pub const DAR: u64 = 1 << 6;
-    pub const TEST: u64 = 1 << 7;
-    pub const FDOE: u64 = 1 << 8;
-    pub const BRSE: u64 = 1 << 9;
-    pub const NISO: u64 = 1 << 15;
-    /// Taken only with CCE and INIT set: DAR, FDOE, BRSE, PXHD, EFBI, TXP, NISO.
-    pub const PROTECTED: u64 = DAR | FDOE | BRSE | 1 << 12 | 1 << 13 | 1 << 14 | NISO;
-    /// Set only with CCE and INIT set, cleared at any time.
-    pub const PROTECTED_SET: u64 = ASM | MON | TEST;
-}
-
-/// TEST.LBCK, TEST.RX, and TEST.TX that holds the pin low.
-pub const LOOPBACK: u64 = 1 << 4;
-pub const RX: u64 = 1 << 7;
+/// CCCR: taken only with CCE and INIT set: DAR, FDOE, BRSE, PXHD, EFBI, TXP, NISO.
+pub const PROTECTED: u64 = 0xF340;
+/// Set only with CCE and INIT set, cleared at any time: ASM, MON, TEST.
+pub const PROTECTED_SET: u64 = 0x00A4;
+/// TEST.TX that holds the pin low.
 pub const TX_DOMINANT: u64 = 0b10;
-
-/// IR, IE and ILS.
-pub mod interrupt {
-    /// FIFO 0: new message, watermark, full, lost; FIFO 1 four bits up.
-    pub const RF0N: u64 = 1 << 0;
-    pub const RF0W: u64 = 1 << 1;
-    pub const RF0F: u64 = 1 << 2;
-    pub const RF0L: u64 = 1 << 3;
-    pub const TC: u64 = 1 << 9;
-    pub const TCF: u64 = 1 << 10;
-    pub const EP: u64 = 1 << 23;
-    pub const EW: u64 = 1 << 24;
-    pub const BO: u64 = 1 << 25;
-    pub const PEA: u64 = 1 << 27;
-    pub const PED: u64 = 1 << 28;
-}
-
-pub mod psr {
-    pub const LEC: u64 = 0b111;
-    pub const EP: u64 = 1 << 5;
-    pub const EW: u64 = 1 << 6;
-    pub const BO: u64 = 1 << 7;
-    pub const DLEC: u64 = 0b111 << 8;
-    pub const RESI: u64 = 1 << 11;
-    pub const RBRS: u64 = 1 << 12;
-    pub const RFDF: u64 = 1 << 13;
-    pub const PXE: u64 = 1 << 14;
-    pub const ACK_ERROR: u64 = 3;
-    pub const BIT0_ERROR: u64 = 5;
-    /// No change since the last read.
-    pub const UNCHANGED: u64 = 7;
-}
-
-/// Bits `low` and up of `value`, `width` of them.
-pub const fn field(value: u64, low: u32, width: u32) -> u64 {
-    value >> low & ((1 << width) - 1)
-}
+/// PSR.LEC and DLEC; the last: no change since the last read.
+pub const ACK_ERROR: u64 = 3;
+pub const BIT0_ERROR: u64 = 5;
+pub const UNCHANGED: u64 = 7;

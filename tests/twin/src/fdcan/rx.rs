@@ -7,10 +7,7 @@ use slipsense_can_sim::Frame;
 use super::Fdcan;
 use super::filters::Accepted;
 use super::message_ram::Element;
-use super::registers::{field, interrupt};
-
-/// RXFxS: a message was lost.
-const LOST: u64 = 1 << 25;
+use super::registers::{interrupt, rxfc, rxfs};
 
 /// RXFxC and RXFxS.
 const FIFOS: [(Register, Register); 2] =
@@ -31,13 +28,13 @@ impl Fdcan {
     fn store(&mut self, fifo: usize, frame: &Frame, index: Option<u8>, timestamp: u16) {
         let (configuration, status) = FIFOS[fifo];
         let configured = self.get(configuration);
-        let (start, size) = (field(configured, 2, 14) as usize, (field(configured, 16, 7) as u32).min(64));
+        let (start, size) = (rxfc::F1SA.get(configured) as usize, self.fifo_size(fifo));
         let overwrite = configured >> 31 & 1 != 0;
         let shift = 4 * fifo as u32;
-        let mut level = field(self.get(status), 0, 7) as u32;
+        let mut level = rxfs::F1FL.get(self.get(status)) as u32;
         if size == 0 || level == size && !overwrite {
-            self.set_bits(status, LOST);
-            self.raise(interrupt::RF0L << shift);
+            self.set_bits(status, rxfs::RF1L.mask());
+            self.raise(interrupt::RF0L.mask() << shift);
             return;
         }
         if level == size {
@@ -51,9 +48,9 @@ impl Fdcan {
         self.rx_put[fifo] = (self.rx_put[fifo] + 1) % size;
         level += 1;
         self.show_fifo(fifo, level, size);
-        let mut flags = interrupt::RF0N;
-        flags |= if level == size { interrupt::RF0F } else { 0 };
-        flags |= if u64::from(level) == field(configured, 24, 7) { interrupt::RF0W } else { 0 };
+        let mut flags = interrupt::RF0N.mask();
+        flags |= if level == size { interrupt::RF0F.mask() } else { 0 };
+        flags |= if u64::from(level) == rxfc::F1WM.get(configured) { interrupt::RF0W.mask() } else { 0 };
         self.raise(flags << shift);
     }
 
@@ -61,13 +58,17 @@ impl Fdcan {
         let status = FIFOS[fifo].1;
         let indices = u64::from(self.rx_get[fifo]) << 8 | u64::from(self.rx_put[fifo]) << 16;
         let full = u64::from(level == size) << 24;
-        self.set(status, self.get(status) & LOST | u64::from(level) | indices | full);
+        let lost = self.get(status) & rxfs::RF1L.mask();
+        self.set(status, lost | u64::from(level) | indices | full);
+    }
+
+    fn fifo_size(&self, fifo: usize) -> u32 {
+        (rxfc::F1S.get(self.get(FIFOS[fifo].0)) as u32).min(64)
     }
 
     pub(super) fn acknowledge_rx(&mut self, fifo: usize, value: u64, context: &mut Context<'_>) {
-        let (configuration, status) = FIFOS[fifo];
-        let size = (field(self.get(configuration), 16, 7) as u32).min(64);
-        let level = field(self.get(status), 0, 7) as u32;
+        let size = self.fifo_size(fifo);
+        let level = rxfs::F1FL.get(self.get(FIFOS[fifo].1)) as u32;
         let index = (value & 0x3F) as u32;
         let freed = if size == 0 { 0 } else { (index + size - self.rx_get[fifo] % size) % size + 1 };
         if size == 0 || index >= size || freed > level {

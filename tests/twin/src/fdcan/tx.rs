@@ -6,23 +6,23 @@ use slipsense_can_sim::{ErrorState, Frame};
 
 use super::Fdcan;
 use super::message_ram::{Element, TX_EVENT};
-use super::registers::{cccr, field, interrupt};
+use super::registers::{cccr, interrupt, txbc};
 use super::wire::MCU;
 
 impl Fdcan {
-    /// TXBC: buffers of the queue.
+    /// Buffers of the queue.
     fn queue(&self) -> u32 {
-        field(self.get(R::FdcanTxbc), 24, 6) as u32
+        txbc::TFQS.get(self.get(R::FdcanTxbc)) as u32
     }
 
     fn element(&self, buffer: u32) -> Element {
-        let start = field(self.get(R::FdcanTxbc), 2, 14) as usize;
+        let start = txbc::TBSA.get(self.get(R::FdcanTxbc)) as usize;
         Element::nth(buffer as usize, start, self.get(R::FdcanTxesc))
     }
 
     fn frame(&self, buffer: u32) -> Option<Frame> {
         let passive = self.wire_at_rx().bus.node(MCU).state() == ErrorState::Passive;
-        self.element(buffer).read_tx(&self.ram, self.has(cccr::FDOE), self.has(cccr::BRSE), passive)
+        self.element(buffer).read_tx(&self.ram, self.has(cccr::FDOE), self.has(cccr::BSE), passive)
     }
 
     pub(super) fn request(&mut self, value: u64, context: &mut Context<'_>) {
@@ -31,7 +31,7 @@ impl Fdcan {
             return;
         }
         let txbc = self.get(R::FdcanTxbc);
-        if field(txbc, 16, 6) != 0 || txbc >> 30 & 1 == 0 || self.has(cccr::DAR) {
+        if txbc::NDTB.is_set(txbc) || !txbc::TFQM.is_set(txbc) || self.has(cccr::DAR) {
             context.tell("FDCAN_TXBAR", "dedicated buffers, a Tx FIFO or DAR, and there is no model of them");
         }
         for buffer in (0..32).filter(|buffer| value >> buffer & 1 != 0) {
@@ -78,7 +78,7 @@ impl Fdcan {
         ] {
             if is_so {
                 self.set_bits(flags, 1 << buffer);
-                self.raise(if self.get(enable) >> buffer & 1 != 0 { interrupt } else { 0 });
+                self.raise(if self.get(enable) >> buffer & 1 != 0 { interrupt.mask() } else { 0 });
             }
         }
         self.update_queue();

@@ -115,24 +115,20 @@ impl Bench {
 
     fn configured(faults: Vec<Fault>) -> Self {
         let mut bench = Self::new(faults);
-        bench.configure();
+        bench.set(CCCR, INIT);
+        bench.set(CCCR, INIT | CCE);
+        bench.set(CCCR, INIT | CCE | FDOE | BRSE);
+        bench.set(NBTP, NOMINAL);
+        bench.set(DBTP, DATA);
+        bench.set(TDCR, 8 << 8);
+        bench.set(RXESC, FULL << 8 | FULL << 4 | FULL);
+        bench.set(TXESC, FULL);
+        bench.set(TXBC, QUEUE | 3 << 24 | TX << 2);
+        bench.set(RXF0C, 2 << 24 | 3 << 16 | FIFO0 << 2);
+        bench.set(RXF1C, 3 << 16 | FIFO1 << 2);
+        bench.set(TXBTIE, 0b111);
+        bench.set(TXBCIE, 0b111);
         bench
-    }
-
-    fn configure(&mut self) {
-        self.set(CCCR, INIT);
-        self.set(CCCR, INIT | CCE);
-        self.set(CCCR, INIT | CCE | FDOE | BRSE);
-        self.set(NBTP, NOMINAL);
-        self.set(DBTP, DATA);
-        self.set(TDCR, 8 << 8);
-        self.set(RXESC, FULL << 8 | FULL << 4 | FULL);
-        self.set(TXESC, FULL);
-        self.set(TXBC, QUEUE | 3 << 24 | TX << 2);
-        self.set(RXF0C, 2 << 24 | 3 << 16 | FIFO0 << 2);
-        self.set(RXF1C, 3 << 16 | FIFO1 << 2);
-        self.set(TXBTIE, 0b111);
-        self.set(TXBCIE, 0b111);
     }
 
     fn settle(&mut self) {
@@ -171,20 +167,16 @@ impl Bench {
         self.now = end;
     }
 
-    /// A frame of 8 bytes into a Tx buffer: classic, standard identifier.
-    fn fill(&mut self, buffer: u64, id: u64) {
+    /// A frame of 8 bytes into a Tx buffer, classic, standard identifier, and its request.
+    fn send(&mut self, buffer: u64, id: u64) {
         let words = [id << 18, 8 << 16, 0x5555_5555, 0x5555_5555];
         (TX + ELEMENT * buffer..).zip(words).for_each(|(at, word)| self.put_word(at, word));
-    }
-
-    /// Such a frame, requested.
-    fn send(&mut self, buffer: u64, id: u64) {
-        self.fill(buffer, id);
         self.set(TXBAR, 1 << buffer);
     }
 
-    fn told(&mut self) -> Vec<&'static str> {
-        self.twin.mcu.drain_told().into_iter().map(|told| told.reason).collect()
+    /// Since the last call, a report with this text.
+    fn tells(&mut self, text: &str) -> bool {
+        self.twin.mcu.drain_told().into_iter().any(|told| told.reason.contains(text))
     }
 
     fn sent(&self) -> Vec<Id> {

@@ -11,7 +11,7 @@ fn protected_registers_take_writes_with_init_and_cce_only() {
         bench.set(register, 0x0011_0010);
         assert_eq!(bench.get(register), reset, "{register:#x} without CCE");
     }
-    assert!(bench.told().iter().any(|line| line.contains("CCE")));
+    assert!(bench.tells("CCE"));
     bench.set(CCCR, INIT | CCE);
     bench.set(TXBC, 3 << 24 | TX << 2);
     assert_eq!(bench.get(TXBC), 3 << 24 | TX << 2);

@@ -9,10 +9,10 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 
 use anyhow::{Context, Result, anyhow, ensure};
-use slipsense::wire::{MessageId, RAW_PORT, SLIP_PORT};
-use slipsense_can_sim::{Format, Frame, Id, Outcome};
+use slipsense::wire::{RAW_PORT, SLIP_PORT};
+use slipsense_can_sim::{Format, Frame, Id};
 
-use crate::fdcan::wire::{MCU, Wire, can_frame};
+use crate::fdcan::wire::{Wire, can_frame};
 
 /// Bytes before the data: identifier and length.
 const HEADER: usize = 5;
@@ -53,27 +53,25 @@ impl FarEnd {
             Err(error) => return Err(error).context("reading from the far end"),
         }
         while let Some((identifier, data)) = self.take_record() {
-            if identifier == SUPPLY {
-                let (steps, rest) = data.as_chunks();
-                ensure!(rest.is_empty(), "the far end says half a step of the flash");
-                self.power_fails_at = Some(steps.iter().map(|&step| u64::from_le_bytes(step)).collect());
-                continue;
+            match identifier {
+                SUPPLY => {
+                    let (steps, rest) = data.as_chunks();
+                    ensure!(rest.is_empty(), "the far end says half a step of the flash");
+                    self.power_fails_at = Some(steps.iter().map(|&step| u64::from_le_bytes(step)).collect());
+                }
+                ORDER => self.orders.push(String::from_utf8(data).context("the far end's order")?),
+                _ => {
+                    let frame = Frame::new(Id::Extended(identifier), Format::FD, &data);
+                    let no_frame = |error| anyhow!("the far end sent no CAN FD frame: {error:?}");
+                    wire.peer_queue.push_back((now_ns, frame.map_err(no_frame)?));
+                }
             }
-            if identifier == ORDER {
-                self.orders.push(String::from_utf8(data).context("the far end's order")?);
-                continue;
-            }
-            let frame = Frame::new(Id::Extended(identifier), Format::FD, &data);
-            let frame = frame.map_err(|error| anyhow!("the far end sent no CAN FD frame: {error:?}"))?;
-            wire.peer_queue.push_back((now_ns, frame));
         }
         self.stream.set_nonblocking(false)?;
         let mut records = Vec::new();
-        let sent = wire.log.iter().skip(self.seen);
-        for logged in sent.filter(|logged| logged.node == MCU && logged.outcome == Outcome::Sent) {
+        for logged in wire.log.iter().skip(self.seen).filter(|logged| logged.is_of_board()) {
             let Some(frame) = can_frame(&logged.frame) else { continue };
-            let port = MessageId::from_can(frame.id()).map(|id| id.port);
-            if !matches!(port, Ok(SLIP_PORT | RAW_PORT)) {
+            if !matches!(logged.port(), Some(SLIP_PORT | RAW_PORT)) {
                 records.extend(frame.id().to_le_bytes());
                 records.push(frame.data().len() as u8);
                 records.extend(frame.data());

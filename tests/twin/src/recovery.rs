@@ -2,12 +2,11 @@
 
 use slipsense::health;
 use slipsense::node::HEARTBEAT_PORT;
-use slipsense::wire::MessageId;
 use slipsense_can_sim::Outcome;
 
 use crate::compare::Slip;
 use crate::fault_injection::{Fault, Faults};
-use crate::fdcan::wire::{Logged, MCU, can_frame};
+use crate::fdcan::wire::{Logged, MCU};
 use crate::run::Done;
 
 #[derive(Clone, Debug)]
@@ -45,10 +44,7 @@ impl Recovery {
             let ill = slips[end..next].iter().rposition(|slip| new(slip) != 0).map_or(0, |last| last + 1);
             let since = |slip: &Slip| slip.end_ns - fault.when.end;
             let started = |at: u64| done.frames.partition_point(|logged| logged.start_ns < at);
-            let is_heartbeat = |logged: &&Logged| {
-                let id = can_frame(&logged.frame).map(|frame| MessageId::from_can(frame.id()));
-                logged.node == MCU && matches!(id, Some(Ok(MessageId { port: HEARTBEAT_PORT, .. })))
-            };
+            let is_heartbeat = |logged: &&Logged| logged.node == MCU && logged.port() == Some(HEARTBEAT_PORT);
             let meanwhile = &done.frames[started(fault.when.start)..started(fault.when.end)];
             Self {
                 fault: fault.clone(),

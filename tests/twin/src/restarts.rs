@@ -2,23 +2,13 @@
 
 use rigless::device::ResetCause;
 use slipsense::node::{FILE_READ_PORT, HEARTBEAT_PORT};
-use slipsense::wire::{SLIP_PORT, ServiceRole, TransferId};
-use slipsense_can_sim::Outcome;
+use slipsense::wire::SLIP_PORT;
 
-use crate::fdcan::wire::{Logged, MCU, can_frame};
+use crate::fdcan::wire::Logged;
 use crate::run::Done;
 
 /// A pause in its requests that ends a file: longer than the erase of a slot.
 const PAUSE_NS: u64 = 6_000_000_000;
-
-/// The port of a message or of a request. None that matters here is of both.
-fn port(logged: &Logged) -> Option<u16> {
-    match TransferId::from_can(can_frame(&logged.frame)?.id()).ok()? {
-        TransferId::Message(id) => Some(id.port),
-        TransferId::Service(id) => (id.role == ServiceRole::Request).then_some(id.port),
-        TransferId::Anonymous(_) => None,
-    }
-}
 
 /// How often the watchdog restarted the board.
 pub fn bites(done: &Done) -> usize {
@@ -26,8 +16,8 @@ pub fn bites(done: &Done) -> usize {
 }
 
 pub fn print(done: &Done) {
-    let sent = done.frames.iter().filter(|logged| logged.node == MCU && logged.outcome == Outcome::Sent);
-    let sent: Vec<(u16, &Logged)> = sent.filter_map(|logged| Some((port(logged)?, logged))).collect();
+    let sent = done.frames.iter().filter(|logged| logged.is_of_board());
+    let sent: Vec<(u16, &Logged)> = sent.filter_map(|logged| Some((logged.port()?, logged))).collect();
     let of = |wanted: u16| sent.iter().filter(move |(port, _)| *port == wanted).map(|(_, logged)| *logged);
     for (index, (at, cause)) in done.resets.iter().enumerate() {
         let until = done.resets.get(index + 1).map_or(u64::MAX, |(next, _)| *next);

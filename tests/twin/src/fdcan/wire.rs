@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use slipsense::wire::CanFrame;
+use slipsense::wire::{CanFrame, ServiceRole, TransferId};
 use slipsense_can_sim::{
     Attempt, BitTiming, Bus, Disturbance, Format, Frame, FrameBits, Id, Outcome, Timing,
 };
@@ -26,6 +26,22 @@ pub struct Logged {
     pub end_ns: u64,
     pub outcome: Outcome,
     pub frame: Frame,
+}
+
+impl Logged {
+    /// The board sent it, and it arrived.
+    pub fn is_of_board(&self) -> bool {
+        self.node == MCU && self.outcome == Outcome::Sent
+    }
+
+    /// The port of a message or of a request. None that matters here is of both.
+    pub fn port(&self) -> Option<u16> {
+        match TransferId::from_can(can_frame(&self.frame)?.id()).ok()? {
+            TransferId::Message(id) => Some(id.port),
+            TransferId::Service(id) => (id.role == ServiceRole::Request).then_some(id.port),
+            TransferId::Anonymous(_) => None,
+        }
+    }
 }
 
 /// A frame of the bus as the product's own library knows it.

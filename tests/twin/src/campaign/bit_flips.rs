@@ -3,7 +3,7 @@
 //! Silicon corrects a flipped bit of a RAM, by its error correction; the emulator has none. So a flip here stands
 //! for one that it does not see: in a register, on a bus, in logic.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -16,7 +16,6 @@ use rigless::time::VirtualNanos;
 use sha2::{Digest, Sha256};
 use slipsense::settings::Setting;
 use slipsense::wire::{FlagState, NodeId, SLIP_PORT, SlipMessage, SlipReceiver, TransferId};
-use slipsense_can_sim::Outcome;
 
 use super::fault_free::{self, FaultFree};
 use super::first_access::FirstAccess;
@@ -24,7 +23,7 @@ use super::processor::{Handle, REGISTERS};
 use super::results::{NO_VERDICT, Results};
 use super::{Campaign, InjectedFault, Judge, Planned, session};
 use crate::arguments::Arguments;
-use crate::fdcan::wire::{Logged, MCU, can_frame};
+use crate::fdcan::wire::{Logged, can_frame};
 use crate::fitted::Fitted;
 use crate::shared::lock;
 use crate::{programs, settings};
@@ -96,7 +95,7 @@ fn plan(count: usize, used: &[Range<u64>]) -> Vec<Planned> {
 
 /// The board's slip messages, when each was there, and its bytes.
 fn slips(log: &[Logged]) -> impl Iterator<Item = (u64, Vec<u8>)> + '_ {
-    log.iter().filter(|logged| logged.node == MCU && logged.outcome == Outcome::Sent).filter_map(|logged| {
+    log.iter().filter(|logged| logged.is_of_board()).filter_map(|logged| {
         let frame = can_frame(&logged.frame)?;
         match TransferId::from_can(frame.id()).ok()? {
             TransferId::Message(id) if id.port == SLIP_PORT && id.node == NodeId::DEFAULT => {
@@ -165,14 +164,12 @@ pub fn run(arguments: &Arguments, fitted: &Arc<Fitted>, count: usize) -> Result<
     let used = used(&symbols)?;
     let plan = plan(count, &used);
     let mut first_access = FirstAccess::default();
-    let mut unread = BTreeSet::new();
     for &Planned { number, at_ns, fault } in &plan {
         if let InjectedFault::Memory { address, .. } = fault
             && !used[D2].contains(&address)
             && !results.verdicts.contains_key(&number)
         {
             first_access.wait(address, at_ns, number);
-            unread.insert(number);
         }
     }
     let injection = Handle::default();
@@ -181,13 +178,11 @@ pub fn run(arguments: &Arguments, fitted: &Arc<Fitted>, count: usize) -> Result<
     let mut first = session(fitted, &injection)?;
     first.run_until(VirtualNanos(fault_free::STEP_NS));
     let mut finished = emulator::run(first, &start, FaultFree::new(used, until_ns))?;
-    let read = lock(&injection).first_access.take().unwrap_or_default().read;
-    for number in unread.difference(&read) {
-        results.add(*number, EQUAL)?;
-    }
+    let unread = lock(&injection).first_access.take().unwrap_or_default().unread;
+    unread.iter().try_for_each(|number| results.add(*number, EQUAL))?;
     println!(
         "{} of {} flips in bytes that the core overwrites or does not read: not run",
-        unread.difference(&read).count(),
+        unread.len(),
         plan.len()
     );
     let log = std::mem::take(&mut finished.session.board_mut().mcu.fdcan[0].wire.log);
@@ -205,9 +200,8 @@ pub fn run(arguments: &Arguments, fitted: &Arc<Fitted>, count: usize) -> Result<
             .then(|| judge(&session.board().mcu.fdcan[0].wire.log, restart_ns, planned.at_ns, &messages))
     });
     let injection = Handle::default();
-    let fault_free = finished.driver.finish()?;
-    let campaign = Campaign::new(&plan, results, injection.clone(), fault_free::STEP_NS, judge)
-        .with_fault_free(fault_free, EQUAL);
+    let mut campaign = Campaign::new(&plan, results, injection.clone(), fault_free::STEP_NS, judge);
+    campaign.fault_free = Some((finished.driver.finish()?, EQUAL));
     let session = session(fitted, &injection)?;
     let verdicts = emulator::run(session, &start, campaign)?.driver.finish()?;
     let judged = plan.iter().filter_map(|planned| Some((*planned, *verdicts.get(&planned.number)?)));
@@ -236,9 +230,10 @@ fn report(verdicts: &[(Planned, u8)]) -> bool {
 #[cfg(test)]
 mod tests {
     use slipsense::wire::Transmitter;
-    use slipsense_can_sim::{Format, Frame, Id};
+    use slipsense_can_sim::{Format, Frame, Id, Outcome};
 
     use super::*;
+    use crate::fdcan::wire::MCU;
 
     const PERIOD_NS: u64 = 4_166_667;
     /// When the fault comes, the 100th message.

@@ -74,13 +74,8 @@ impl Driver<Twin> for FaultFree {
     }
 
     fn on_stop(&mut self, _: &mut Session<Twin>, stop: Stop, host: &mut dyn Host) -> Option<VirtualNanos> {
-        match self.digest(host) {
-            Ok(digest) => self.digests.insert(stop.at.0, digest),
-            Err(error) => {
-                self.broken = Some(error);
-                return None;
-            }
-        };
+        let digest = self.digest(host).map_err(|error| self.broken = Some(error)).ok()?;
+        self.digests.insert(stop.at.0, digest);
         let next_ns = (stop.at.0 / STEP_NS + 1) * STEP_NS;
         (next_ns <= self.until_ns).then_some(VirtualNanos(next_ns))
     }

@@ -13,13 +13,14 @@ const MARGIN_NS: u64 = 20;
 pub struct FirstAccess {
     /// By address: virtual ns of the flip, and its number.
     waiting: HashMap<u64, Vec<(u64, usize)>>,
-    /// Numbers of those that were read before they were overwritten.
-    pub read: BTreeSet<usize>,
+    /// Numbers of those that were not read before they were overwritten.
+    pub unread: BTreeSet<usize>,
 }
 
 impl FirstAccess {
     pub fn wait(&mut self, address: u64, flip_ns: u64, number: usize) {
         self.waiting.entry(address).or_default().push((flip_ns, number));
+        self.unread.insert(number);
     }
 
     fn note(&mut self, access: &Access) {
@@ -32,7 +33,7 @@ impl FirstAccess {
                     AccessKind::Write => now_ns > flip_ns + MARGIN_NS,
                 };
                 if is_over && access.kind == AccessKind::Read {
-                    self.read.insert(number);
+                    self.unread.remove(&number);
                 }
                 !is_over
             });
@@ -87,6 +88,6 @@ mod tests {
         access(AccessKind::Write, 101, Width::W8, 1100);
         access(AccessKind::Read, 100, Width::W16, 1200);
         access(AccessKind::Read, 102, Width::W16, 1300);
-        assert_eq!(first.read, [0, 2, 3].into());
+        assert_eq!(first.unread, [1, 4].into());
     }
 }

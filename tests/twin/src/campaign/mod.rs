@@ -67,7 +67,7 @@ pub struct Campaign {
     judge: Judge,
     step_ns: u64,
     /// A child that goes on as this run does has its verdict.
-    fault_free: Option<(FaultFree, u8)>,
+    pub fault_free: Option<(FaultFree, u8)>,
     /// In a child, its fault.
     injected: Option<Planned>,
     running: BTreeMap<Pid, Planned>,
@@ -87,11 +87,6 @@ impl Campaign {
         let (planned, running, injected) = (planned.into(), BTreeMap::new(), None);
         let (wait, broken, fault_free) = (FlashWait::default(), None, None);
         Self { planned, core, judge, step_ns, fault_free, injected, running, parallel, results, wait, broken }
-    }
-
-    /// End a child that goes on as this run does with this verdict.
-    pub fn with_fault_free(self, run: FaultFree, verdict: u8) -> Self {
-        Self { fault_free: Some((run, verdict)), ..self }
     }
 
     /// The verdict of each fault, by its number.
@@ -115,8 +110,8 @@ impl Campaign {
         Ok(())
     }
 
-    /// Fork for each fault that is due. `true` in a child.
-    fn fork(&mut self, stop: Stop, host: &mut dyn Host) -> Result<bool> {
+    /// Fork for each fault that is due.
+    fn fork(&mut self, stop: Stop, host: &mut dyn Host) -> Result<()> {
         while let Some(planned) = self.planned.pop_front_if(|planned| planned.at_ns <= stop.at.0) {
             while self.running.len() >= self.parallel {
                 self.collect()?;
@@ -129,12 +124,11 @@ impl Campaign {
                 ForkResult::Child => {
                     alarm::set(LIMIT_S);
                     self.injected = Some(planned);
-                    inject(planned.fault, &self.core, host)?;
-                    return Ok(true);
+                    return inject(planned.fault, &self.core, host);
                 }
             }
         }
-        Ok(false)
+        Ok(())
     }
 }
 
@@ -174,23 +168,18 @@ impl Driver<Twin> for Campaign {
         stop: Stop,
         host: &mut dyn Host,
     ) -> Option<VirtualNanos> {
-        let is_child = self.injected.is_some()
-            || match self.fork(stop, host) {
-                Ok(is_child) => is_child,
-                Err(error) => {
-                    self.broken = Some(error);
-                    return None;
-                }
-            };
-        if is_child {
-            let injected = self.injected.as_ref();
-            let reached = self.fault_free.as_ref().filter(|(run, _)| {
-                let is_recent = |planned: &Planned| stop.at.0 <= planned.at_ns + RECOVERS_NS;
-                injected.is_some_and(is_recent) && run.is_reached(stop.at.0, host)
-            });
-            let reached = reached.map(|(_, verdict)| *verdict);
-            let judged = || injected.and_then(|injected| (self.judge)(session, host, stop, injected));
-            if let Some(verdict) = reached.or_else(judged) {
+        if self.injected.is_none()
+            && let Err(error) = self.fork(stop, host)
+        {
+            self.broken = Some(error);
+            return None;
+        }
+        if let Some(injected) = &self.injected {
+            let is_recent = stop.at.0 <= injected.at_ns + RECOVERS_NS;
+            let compared = self.fault_free.as_ref().filter(|_| is_recent);
+            let reached = compared.filter(|(run, _)| run.is_reached(stop.at.0, host));
+            let verdict = reached.map(|(_, verdict)| *verdict);
+            if let Some(verdict) = verdict.or_else(|| (self.judge)(session, host, stop, injected)) {
                 // SAFETY: a child has nothing to clean up.
                 unsafe { libc::_exit(verdict.into()) }
             }

@@ -6,7 +6,6 @@
 
 use anyhow::{Result, bail};
 use rigless::emulator::{Access, AccessKind, Error, Host, Stop};
-use rigless::mcu::Mcu;
 use rigless::session::Session;
 use rigless::soc::Width;
 use rigless::soc::stm32h743::generated::flash::{Register, sr1, sr2};
@@ -14,7 +13,7 @@ use rigless::soc::stm32h743::generated::ramecc1::{self, m1sr};
 use rigless::symbols::Symbols;
 use slipsense::net::format::MAGIC;
 
-use crate::machine::Twin;
+use crate::machine::{Twin, registers};
 use crate::power_faults::{CONTROL, FLASH};
 
 /// The executor of acquisition and transmission.
@@ -85,9 +84,8 @@ impl BoardFaults {
                 let held = host.read(model + FLIPPED_AT, Width::W8)?;
                 host.write(model + FLIPPED_AT, Width::W8, held ^ 1)?;
                 // The emulator has the registers of the monitors, and no error correction.
-                let bus = session.board_mut().mcu.part.bus_mut();
-                let monitor = bus.slot("RAMECC1")?;
-                bus.slot_mut(monitor).registers_mut().set(ramecc1::Register::M1sr, m1sr::DEDF.mask());
+                let monitor = registers(&mut session.board_mut().mcu.part, "RAMECC1");
+                monitor.set(ramecc1::Register::M1sr, m1sr::DEDF.mask());
             }
             _ => match text.strip_prefix("flags ").and_then(|number| number.parse().ok()) {
                 Some(per_million) => self.flags_per_million = per_million,
@@ -128,11 +126,7 @@ impl BoardFaults {
         }
         let [bank, kind] = [self.random >> 32 & 1, (self.random >> 40) % 3].map(|number| number as usize);
         let (register, flags) = READ_FLAGS[bank];
-        let bus = session.board_mut().mcu.bus_mut();
-        let slot = bus.slot("Flash").expect("the part has a flash");
-        let registers = bus.slot_mut(slot).registers_mut();
-        let held = registers.get(register);
-        registers.set(register, held | flags[kind]);
+        registers(&mut session.board_mut().mcu.part, "Flash").restore(register, flags[kind], flags[kind]);
         self.flags += 1;
     }
 }

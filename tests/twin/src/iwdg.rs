@@ -29,30 +29,9 @@ const CROSSING_CYCLES: u64 = 5;
 const CROSSING: [(Register, u64); 3] =
     [(Register::Pr, sr::PVU.mask()), (Register::Rlr, sr::RVU.mask()), (Register::Winr, sr::WVU.mask())];
 
-/// The three values, on either side.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Values([u64; CROSSING.len()]);
-
-impl Default for Values {
-    fn default() -> Self {
-        Self([0, FULL, FULL])
-    }
-}
-
-impl Values {
-    /// Cycles of the LSI for a count: 4 to 256.
-    fn divider(self) -> u64 {
-        4 << self.0[0].min(6)
-    }
-
-    fn reload(self) -> u64 {
-        self.0[1]
-    }
-
-    fn window(self) -> u64 {
-        self.0[2]
-    }
-}
+/// The three values, on either side, and what they are after a reset.
+type Values = [u64; CROSSING.len()];
+const RESET: Values = [0, FULL, FULL];
 
 #[derive(Debug, Default)]
 pub struct Iwdg {
@@ -71,6 +50,15 @@ pub struct Iwdg {
 }
 
 impl Iwdg {
+    pub fn new() -> Self {
+        Self { written: RESET, values: RESET, ..Self::default() }
+    }
+
+    /// Cycles of the LSI for a count: 4 to 256.
+    fn divider(&self) -> u64 {
+        4 << self.values[0].min(6)
+    }
+
     fn cycles_ns(&self, cycles: u64) -> u64 {
         (u128::from(cycles) * u128::from(NANOS_PER_SECOND)).div_ceil(u128::from(self.clock_hz)) as u64
     }
@@ -80,10 +68,10 @@ impl Iwdg {
         let (since, counter, cycles) = self.counter;
         let passed = u128::from(now.0 - since) * u128::from(self.clock_hz) / u128::from(NANOS_PER_SECOND);
         let cycles = cycles + passed as u64;
-        let counts = cycles / self.values.divider();
+        let counts = cycles / self.divider();
         // What is left of a cycle stays in the time.
         let whole = if self.clock_hz == 0 { now.0 } else { since + self.cycles_ns(passed as u64) };
-        self.counter = (whole.min(now.0), counter.saturating_sub(counts), cycles % self.values.divider());
+        self.counter = (whole.min(now.0), counter.saturating_sub(counts), cycles % self.divider());
     }
 
     fn load(&mut self, now: VirtualNanos, value: u64) {
@@ -94,18 +82,19 @@ impl Iwdg {
     fn arm(&mut self, context: &mut Context<'_>) {
         self.end = (self.started && self.clock_hz != 0).then(|| {
             let (since, counter, cycles) = self.counter;
-            let left = (counter + 1) * self.values.divider() - cycles;
+            let left = (counter + 1) * self.divider() - cycles;
             context.schedule(VirtualNanos(since + self.cycles_ns(left)))
         });
     }
 
     fn reload(&mut self, context: &mut Context<'_>) {
         self.count(context.now());
-        if self.counter.1 > self.values.window() {
+        let [_, reload, window] = self.values;
+        if self.counter.1 > window {
             context.request_reset();
             return;
         }
-        self.load(context.now(), self.values.reload());
+        self.load(context.now(), reload);
         self.arm(context);
     }
 
@@ -139,10 +128,10 @@ impl Iwdg {
             let why =
                 if self.open { "written while its last value is on its way" } else { "written while closed" };
             context.tell(register.spec().name, why);
-            registers.set(register, self.written.0[index]);
+            registers.set(register, self.written[index]);
             return;
         }
-        self.written.0[index] = registers.get(register);
+        self.written[index] = registers.get(register);
         registers.set(Register::Sr, status | flag);
         self.send(index, context);
     }
@@ -150,11 +139,11 @@ impl Iwdg {
     fn arrive(&mut self, index: usize, registers: &mut RegisterFile, context: &mut Context<'_>) {
         self.arrivals[index] = None;
         self.count(context.now());
-        self.values.0[index] = self.written.0[index];
+        self.values[index] = self.written[index];
         let (register, flag) = CROSSING[index];
         registers.set(Register::Sr, registers.get(Register::Sr) & !flag);
         if register == Register::Winr {
-            self.load(context.now(), self.values.reload());
+            self.load(context.now(), self.values[1]);
         }
         self.arm(context);
     }
@@ -175,7 +164,7 @@ impl Device for Iwdg {
     fn peek(&self, register: Register, _: &RegisterFile, _: VirtualNanos) -> Option<u64> {
         // Read from the counter's side.
         let index = CROSSING.iter().position(|&(crossing, _)| crossing == register)?;
-        Some(self.values.0[index])
+        Some(self.values[index])
     }
 
     fn write(&mut self, register: Register, value: u64, file: &mut RegisterFile, context: &mut Context<'_>) {
@@ -227,7 +216,7 @@ mod tests {
         /// As the drivers do it: configured, started, loaded. 800 counts of four cycles are the firmware's 100 ms. The
         /// clock comes with the start.
         fn started() -> Self {
-            let single = Single::new(stm32h743::builder(), "IWDG", Iwdg::default());
+            let single = Single::new(stm32h743::builder(), "IWDG", Iwdg::new());
             let mut part = Self(single.expect("the part has the instance"));
             for (register, value) in
                 [(Register::Kr, KEY_OPEN), (Register::Pr, 0), (Register::Rlr, 799), (Register::Kr, KEY_START)]

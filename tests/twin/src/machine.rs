@@ -3,7 +3,7 @@
 use std::num::{NonZeroU32, NonZeroU64};
 use std::sync::Arc;
 
-use rigless::device::{Device, ErasedDevice, Level, ResetCause};
+use rigless::device::{Device, ErasedDevice, Level, RegisterFile, ResetCause};
 use rigless::machine::{Board, Target, armv7m};
 use rigless::mcu::{Mcu, Operate};
 use rigless::snapshot::Store;
@@ -71,7 +71,6 @@ pub struct Mcu743 {
     /// All but these.
     pub part: Stm32h743,
     pub fdcan: [Fdcan; 2],
-    fdcan_slots: [usize; 2],
     iwdg: Iwdg,
     ram: RamWindow,
     /// Models of the emulator with the arrays or the scan at them; what the part has in their place is never reached.
@@ -82,7 +81,6 @@ pub struct Mcu743 {
     /// Of [`PERIPHERALS`]; the first five are tapped.
     scan_slots: [usize; PERIPHERALS.len()],
     arrays: Shared,
-    rcc_slot: usize,
     /// By slot.
     models: Vec<Model>,
     has_hse: bool,
@@ -97,15 +95,14 @@ impl Mcu743 {
         let window = Window::new("FDCANRAM", message_ram::BASE, size);
         let ram_slot = part.bus_mut().add_window(window)?;
         let slot = |name| part.bus().slot(name).expect("the part has these peripherals");
-        let (fdcan_slots, scan_slots) = (FDCANS.map(slot), PERIPHERALS.map(slot));
-        let rcc_slot = slot("RCC");
+        let scan_slots = PERIPHERALS.map(slot);
         let mut models = vec![Model::Part; part.bus().slots().len()];
         UNUSED_PERIPHERALS.split(' ').for_each(|name| models[slot(name)] = Model::Unused);
         let [port, timer, adc, codes, addresses, _] = scan_slots;
         for (slot, model) in [
-            (rcc_slot, Model::Rcc),
-            (fdcan_slots[0], Model::Fdcan(0)),
-            (fdcan_slots[1], Model::Fdcan(1)),
+            (slot("RCC"), Model::Rcc),
+            (slot(FDCANS[0]), Model::Fdcan(0)),
+            (slot(FDCANS[1]), Model::Fdcan(1)),
             (ram_slot, Model::MessageRam),
             (slot(IWDG_INSTANCE), Model::Watchdog),
             (port, Model::Port),
@@ -130,8 +127,7 @@ impl Mcu743 {
         let mut mcu = Self {
             part,
             fdcan,
-            fdcan_slots,
-            iwdg: Iwdg::default(),
+            iwdg: Iwdg::new(),
             ram: RamWindow { ram, table },
             port: Tapped { device: port, tap: AddressLines(arrays.clone()) },
             timer: Tapped { device: timer, tap: Trigger { shared: arrays.clone(), high: false, pulses: 0 } },
@@ -139,7 +135,6 @@ impl Mcu743 {
             streams: [stream(codes, true), stream(addresses, false)],
             scan_slots,
             arrays,
-            rcc_slot,
             models,
             has_hse: fitted.hse_hz != 0,
             is_brown_out: false,
@@ -155,10 +150,16 @@ impl Mcu743 {
     }
 
     fn show_fdcans(&mut self) {
-        for (fdcan, slot) in self.fdcan.iter().zip(self.fdcan_slots) {
-            fdcan.show(self.part.bus_mut().slot_mut(slot).registers_mut());
+        for (fdcan, name) in self.fdcan.iter().zip(FDCANS) {
+            fdcan.show(registers(&mut self.part, name));
         }
     }
+}
+
+/// What the registers of this peripheral hold.
+pub fn registers<'a>(part: &'a mut Stm32h743, name: &'static str) -> &'a mut RegisterFile {
+    let slot = part.bus().slot(name).expect("the part has these peripherals");
+    part.bus_mut().slot_mut(slot).registers_mut()
 }
 
 impl Mcu for Mcu743 {
@@ -176,15 +177,15 @@ impl Mcu for Mcu743 {
             // The emulator has no brown-out. Its flag joins those of the pin, which every reset pulls, and of the core;
             // those that stood are gone with the supply (RM0433, table of reset sources against flags).
             let flags = rsr::BORRSTF.mask() | rsr::PINRSTF.mask() | rsr::CPURSTF.mask();
-            let registers = self.part.bus_mut().slot_mut(self.rcc_slot).registers_mut();
+            let rcc = registers(&mut self.part, "RCC");
             for register in [Register::Rsr, Register::C1Rsr] {
-                registers.set(register, flags);
+                rcc.set(register, flags);
             }
         }
         for fdcan in &mut self.fdcan {
             Device::reset(fdcan);
         }
-        self.iwdg = Iwdg::default();
+        self.iwdg = Iwdg::new();
         ErasedDevice::reset(&mut self.port);
         ErasedDevice::reset(&mut self.timer);
         ErasedDevice::reset(&mut self.adc);
@@ -205,9 +206,7 @@ impl Mcu for Mcu743 {
                 if !self.has_hse {
                     // In the emulator an oscillator without a crystal is ready at 0 Hz. On the part HSERDY says that the
                     // clock is there and steady (RM0433, RCC_CR), and without one never comes.
-                    let registers = self.part.bus_mut().slot_mut(slot).registers_mut();
-                    let held = registers.get(Register::Cr);
-                    registers.set(Register::Cr, held & !cr::HSERDY.mask());
+                    registers(&mut self.part, "RCC").restore(Register::Cr, cr::HSERDY.mask(), 0);
                 }
                 return self.part.split(slot);
             }
@@ -243,11 +242,11 @@ pub const NAME: &str = "slipsense-h743";
 impl Twin {
     pub fn new(fitted: &Arc<Fitted>) -> Result<Self, Error> {
         let mut mcu = Mcu743::new(fitted)?;
-        let hse_hz = match () {
-            () if bench::has(fitted.desk, DeskFault::HseAbsent) => 0,
-            () if bench::has(fitted.desk, DeskFault::HseOff) => bench::OFF_HZ,
-            () if bench::has(fitted.desk, DeskFault::HseWrong) => bench::WRONG_HZ,
-            () => fitted.hse_hz,
+        let hse_hz = match fitted.desk.and_then(|desk| desk.fault) {
+            Some(DeskFault::HseAbsent) => 0,
+            Some(DeskFault::HseOff) => bench::OFF_HZ,
+            Some(DeskFault::HseWrong) => bench::WRONG_HZ,
+            _ => fitted.hse_hz,
         };
         mcu.part.rcc.attach_crystals(hse_hz, 0);
         mcu.part.set_supply(RAIL_MV);

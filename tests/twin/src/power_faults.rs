@@ -68,10 +68,9 @@ impl PowerFaults {
             return;
         }
         self.done += 1;
-        if self.plan.front() != Some(&self.done) {
+        if self.plan.pop_front_if(|step| *step == self.done).is_none() {
             return;
         }
-        self.plan.pop_front();
         self.done = 0;
         let step = if let Some(start) = sector {
             let half = start..start + u64::from(SECTOR_BYTES) / 2;

@@ -66,28 +66,19 @@ pub fn seconds(schedule: &[Fault]) -> f64 {
 
 pub fn complaints(recoveries: &[Recovery]) -> Vec<String> {
     let mut complaints = Vec::new();
-    for recovery in recoveries {
-        let expected = expectation(recovery.fault.kind);
-        let mut say = |what: String| complaints.push(format!("{}: {what}", recovery.fault.name));
-        if recovery.flags & expected.shows != expected.shows {
-            say(format!("does not show {}", names(expected.shows & !recovery.flags)));
-        }
-        let others = recovery.flags & !(expected.shows | expected.may_show);
-        if others != 0 {
-            say(format!("shows {} too", names(others)));
-        }
-        if expected.every_message && recovery.left_out > 0 {
-            say(format!("{} frames without a slip message", recovery.left_out));
-        }
-        if !expected.every_message && recovery.failed == 0 {
-            say("no frame failed".to_owned());
-        }
-        if recovery.fault.kind == Kind::Hostile && recovery.heartbeats == 0 {
-            say("no heartbeat".to_owned());
-        }
-        if recovery.healthy_ns.is_none() {
-            say("did not recover before the next".to_owned());
-        }
+    for &Recovery { ref fault, flags, left_out, failed, heartbeats, healthy_ns, .. } in recoveries {
+        let Expectation { shows, may_show, every_message, .. } = expectation(fault.kind);
+        let (hidden, others) = (shows & !flags, flags & !(shows | may_show));
+        let found = [
+            (hidden != 0, format!("does not show {}", names(hidden))),
+            (others != 0, format!("shows {} too", names(others))),
+            (every_message && left_out > 0, format!("{left_out} frames without a slip message")),
+            (!every_message && failed == 0, "no frame failed".to_owned()),
+            (fault.kind == Kind::Hostile && heartbeats == 0, "no heartbeat".to_owned()),
+            (healthy_ns.is_none(), "did not recover before the next".to_owned()),
+        ];
+        let found = found.into_iter().filter(|(is_so, _)| *is_so);
+        complaints.extend(found.map(|(_, what)| format!("{}: {what}", fault.name)));
     }
     complaints
 }

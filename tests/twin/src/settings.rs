@@ -17,13 +17,6 @@ const ERASED: u8 = 0xFF;
 
 struct Sectors(Vec<u8>);
 
-impl Sectors {
-    fn at(&mut self, offset: u32, len: usize) -> Result<&mut [u8], NorFlashErrorKind> {
-        let start = offset as usize;
-        self.0.get_mut(start..start + len).ok_or(NorFlashErrorKind::OutOfBounds)
-    }
-}
-
 impl ErrorType for Sectors {
     type Error = NorFlashErrorKind;
 }
@@ -32,7 +25,7 @@ impl ReadNorFlash for Sectors {
     const READ_SIZE: usize = 1;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
-        bytes.copy_from_slice(self.at(offset, bytes.len())?);
+        bytes.copy_from_slice(&self.0[offset as usize..][..bytes.len()]);
         Ok(())
     }
 
@@ -46,12 +39,12 @@ impl NorFlash for Sectors {
     const ERASE_SIZE: usize = SECTOR_BYTES as usize;
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
-        self.at(from, (to - from) as usize)?.fill(ERASED);
+        self.0[from as usize..to as usize].fill(ERASED);
         Ok(())
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
-        self.at(offset, bytes.len())?.copy_from_slice(bytes);
+        self.0[offset as usize..][..bytes.len()].copy_from_slice(bytes);
         Ok(())
     }
 }

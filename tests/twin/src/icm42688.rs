@@ -2,11 +2,10 @@
 //! episode.
 //!
 //! The model (DS-000347 rev 1.6) has registers, FIFO and packets, and makes the samples that fell due whenever it is
-//! selected or written to, all of them from the one acceleration set last. So each sample is an event
-//! here, 125 µs after the one before: the model gets the acceleration and is selected, and makes this one sample. If
-//! somebody is just reading it, the address of the byte that comes next is given to it once more, which for a FIFO is
-//! the same port (14.24 of the model) and for other registers the next one, so that the reader notices nothing. Amid a
-//! packet it waits for the packet's last byte, because the model drops what is left of one when it makes a sample.
+//! selected or written to, all of them from the one acceleration set last. So each sample is an event here, 125 µs after
+//! the one before: the model gets the acceleration and is selected, and makes this one sample. To a reader amid a read the
+//! address of the byte that comes next is given once more (for a FIFO the same port, 14.24 of the model). Amid a packet it
+//! waits for the packet's last byte, because the model drops what is left of one when it makes a sample.
 //!
 //! What the model lacks: an oscillator of its own error (its samples are exactly 125 µs apart), a way to stop it.
 

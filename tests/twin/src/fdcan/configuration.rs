@@ -70,7 +70,6 @@ impl Fdcan {
             self.set(register, 0);
         }
         (self.requested, self.cancelled) = ([(None, 0); 32], 0);
-        (self.rx_get, self.rx_put) = ([0; 2], [0; 2]);
     }
 
     /// INIT was cleared: bit timings are taken, and the node joins after 11 recessive bits, or after its recovery.

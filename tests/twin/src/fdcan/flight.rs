@@ -89,6 +89,7 @@ impl Fdcan {
             | u64::from(passive_receiver) << 15;
         self.set(Register::FdcanEcr, counters);
         let is_off = state == ErrorState::BusOff;
+        let was_off = psr::BO.is_set(self.get(Register::FdcanPsr));
         for (stands, flag, interrupt) in [
             (state != ErrorState::Active, psr::EP, interrupt::EP),
             (node.warns(), psr::EW, interrupt::EW),
@@ -100,12 +101,11 @@ impl Fdcan {
                 self.raise(interrupt.mask());
             }
         }
-        if is_off && !self.was_off {
+        if is_off && !was_off {
             // Bus-off: INIT is set by hardware, and the node stays silent until software clears it.
             self.set_bits(Register::FdcanCccr, cccr::INIT.mask());
             self.start = None;
         }
-        self.was_off = is_off;
     }
 
     pub(super) fn recovery_due(&mut self, context: &mut Context<'_>) {

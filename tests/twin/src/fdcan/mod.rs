@@ -64,11 +64,8 @@ pub struct Fdcan {
     recovery: Option<EventId>,
     /// What each buffer held when its transmission was requested, and when that was.
     requested: [(Option<Frame>, u64); 32],
-    rx_get: [u32; 2],
-    rx_put: [u32; 2],
     /// Cancellations asked for while the frame was on the wires.
     cancelled: u64,
-    was_off: bool,
     /// When TSCV was last 0.
     timestamp_from: u64,
     lines: [bool; 2],

@@ -239,8 +239,8 @@ mod tests {
     /// When the fault comes, the 100th message.
     const FAULT_NS: u64 = 100 * PERIOD_NS;
 
-    /// Messages as the board sends them, but for what `change` makes of one; `None`: it is not sent.
-    fn sent(change: impl Fn(u32, &mut SlipMessage) -> Option<()>) -> (Vec<Logged>, Messages) {
+    /// Of messages as the board sends them, but for what `change` makes of one; `None`: it is not sent.
+    fn verdict(restart_ns: Option<u64>, change: impl Fn(u32, &mut SlipMessage) -> Option<()>) -> u8 {
         let mut transmitter = Transmitter::new(NodeId::DEFAULT);
         let (mut log, mut messages) = (Vec::new(), Messages::new());
         for sequence in 0..148 {
@@ -254,11 +254,6 @@ mod tests {
                 log.push(Logged { node: MCU, start_ns: end_ns, end_ns, outcome: Outcome::Sent, frame });
             }
         }
-        (log, messages)
-    }
-
-    fn verdict(restart_ns: Option<u64>, change: impl Fn(u32, &mut SlipMessage) -> Option<()>) -> u8 {
-        let (log, messages) = sent(change);
         judge(&log, restart_ns, FAULT_NS, &messages)
     }
 

@@ -22,10 +22,8 @@ pub struct Probe {
 impl Probe {
     /// Empties the buffer. Nothing happens before the firmware has set it up.
     pub fn drain(&mut self, memory: &mut dyn Memory) {
-        let word =
-            |memory: &mut dyn Memory, offset| memory.read(self.block + offset, Width::W32).unwrap_or(0);
-        let (buffer, size) = (word(memory, BUFFER), word(memory, SIZE));
-        let (write, mut read) = (word(memory, WRITE), word(memory, READ));
+        let [buffer, size, write, mut read] = [BUFFER, SIZE, WRITE, READ]
+            .map(|offset| memory.read(self.block + offset, Width::W32).unwrap_or(0));
         if size == 0 || size > 1 << 20 || write >= size || read >= size {
             return;
         }

@@ -1,8 +1,9 @@
 //! `slipsense calibrate` against the library's node behind a socket that speaks slcan.
 
-use std::io::{ErrorKind, Read, Write};
-use std::net::{TcpListener, TcpStream};
-use std::thread::JoinHandle;
+use std::io::{BufRead, BufReader, Write};
+use std::net::TcpListener;
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use slipsense::calibration::{Progress, Request, State, Summary, What};
@@ -31,7 +32,9 @@ fn serve(end: State) -> (String, JoinHandle<Vec<Request>>) {
     let address = format!("slcan:{}", listener.local_addr().unwrap());
     let run = move || {
         let mut stream = listener.accept().unwrap().0;
-        stream.set_read_timeout(Some(Duration::from_millis(5))).unwrap();
+        let (heard, lines) = mpsc::channel();
+        let mut input = BufReader::new(stream.try_clone().unwrap()).split(b'\r').map_while(Result::ok);
+        thread::spawn(move || input.try_for_each(|line| heard.send(line)));
         let identity = Identity {
             hardware_version: Version { major: 1, minor: 0 },
             software_version: Version::SOFTWARE,
@@ -42,16 +45,16 @@ fn serve(end: State) -> (String, JoinHandle<Vec<Request>>) {
             entropy: None,
         };
         let mut node = Node::new(identity, Settings::new());
-        let (mut asked, mut text, began) = (Vec::new(), String::new(), Instant::now());
+        let (mut asked, began) = (Vec::new(), Instant::now());
         let (mut transmitter, mut number) = (Transmitter::new(NodeId::DEFAULT), 0);
         let mut measured: Option<Instant> = None;
-        while exchange(&mut stream, &mut text) {
+        loop {
+            let line = lines.recv_timeout(Duration::from_millis(5));
             let now_us = began.elapsed().as_micros() as u64;
-            while let Some((line, rest)) = text.clone().split_once('\r') {
-                if let Some(Ok(frame)) = slcan::parse(line.as_bytes()) {
-                    node.accept(&frame, now_us);
-                }
-                text = rest.to_owned();
+            match line.as_deref().map(slcan::parse) {
+                Ok(Some(Ok(frame))) => node.accept(&frame, now_us),
+                Err(RecvTimeoutError::Disconnected) => return asked,
+                _ => {}
             }
             while let Some(action) = node.take_action() {
                 let Action::Calibrate(request) = action else { panic!("{action:?}") };
@@ -69,32 +72,16 @@ fn serve(end: State) -> (String, JoinHandle<Vec<Request>>) {
                 node.status.calibrations[0] = Summary { version: 3, id: 0x1a2b_3c4d, faulty: 2, noise: 28 };
             }
             node.poll(now_us);
-            let mut lines: Vec<CanFrame> = press(0, number, &mut transmitter);
+            let mut frames: Vec<CanFrame> = press(0, number, &mut transmitter);
             number += 1;
-            lines.extend(std::iter::from_fn(|| node.next_frame()));
-            let lines: String = lines.iter().map(slcan::command).collect();
-            if stream.write_all(lines.as_bytes()).is_err() {
-                break;
+            frames.extend(std::iter::from_fn(|| node.next_frame()));
+            let sent: String = frames.iter().map(slcan::command).collect();
+            if stream.write_all(sent.as_bytes()).is_err() {
+                return asked;
             }
         }
-        asked
     };
-    (address, std::thread::spawn(run))
-}
-
-/// Read what there is; `false`: the command has gone.
-fn exchange(stream: &mut TcpStream, text: &mut String) -> bool {
-    let mut buffer = [0; 4096];
-    match stream.read(&mut buffer) {
-        Ok(length) => {
-            text.push_str(std::str::from_utf8(&buffer[..length]).unwrap());
-            length > 0
-        }
-        // Interrupted: where the machine stops and goes on, Linux ends a read with a time limit so.
-        Err(error) => {
-            matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
-        }
-    }
+    (address, thread::spawn(run))
 }
 
 #[test]

@@ -1,18 +1,18 @@
-//! `slipsense eval`: what they write, and what a user can get wrong.
+//! `slipsense eval`: what it writes, and what a user can get wrong.
 
 use std::fs;
 
 use serde_json::Value;
 use slipsense_eval::detectors::DETECTORS;
 
-use crate::support::{Arrays, Place, assert_says, names};
+use crate::support::{Place, assert_says, episode, names, unlabelled_episode};
 
 /// A folder `episodes` of three labelled episodes of 40 frames; the last 10 slip.
 fn place() -> Place {
     let place = Place::new();
     fs::create_dir(place.path("episodes")).unwrap();
     for i in 0..3 {
-        Arrays::valid().write(&place.path(&format!("episodes/e{i}.npz")));
+        episode().write(place.path(&format!("episodes/e{i}.npz"))).unwrap();
     }
     place
 }
@@ -98,8 +98,8 @@ fn what_a_user_can_get_wrong() {
     for folder in ["empty", "noslip", "unlabelled", "bad"] {
         fs::create_dir(place.path(folder)).unwrap();
     }
-    Arrays::valid().write(&place.path("noslip/e.npz"));
-    Arrays { label: Vec::new(), ..Arrays::valid() }.write(&place.path("unlabelled/e1.npz"));
+    episode().write(place.path("noslip/e.npz")).unwrap();
+    unlabelled_episode().write(place.path("unlabelled/e1.npz")).unwrap();
     place.file("bad/e1.npz", "no");
     let majority = "--out @out --detector majority";
     let cases = [
@@ -116,8 +116,7 @@ fn what_a_user_can_get_wrong() {
         ("eval @episodes --frames noslip=9000", "--frames: noslip is not among the inputs"),
         ("eval @episodes noslip --frames noslip=9000 --frames noslip=1", "--frames: given twice for noslip"),
         ("eval noslip --data @ --frames 9000", "noslip is a folder"),
-        ("eval @unlabelled", "unlabelled/e1"),
-        ("eval @unlabelled", "array `label` is missing"),
+        ("eval @unlabelled", "unlabelled/e1 … array `label` is missing"),
         ("eval @bad", "e1.npz"),
     ];
     place.errors(cases.map(|(line, rule)| (format!("{line} {majority}"), rule)));

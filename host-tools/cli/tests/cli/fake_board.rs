@@ -1,7 +1,7 @@
 //! A board behind a GDB server: the library's mailbox and pipeline in memory that packets read and write, and what can
 //! be wrong with one.
 
-use std::io::{Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread;
@@ -54,7 +54,7 @@ pub fn serve(model: Vec<u8>, fault: Fault) -> u16 {
 }
 
 struct Board {
-    stream: TcpStream,
+    stream: BufReader<TcpStream>,
     fault: Fault,
     mailbox: &'static Mailbox,
     frame: &'static [AtomicU32; FRAME_WORDS],
@@ -74,6 +74,7 @@ impl Board {
         mailbox.words().iter().for_each(|word| word.store(1, Ordering::Relaxed));
         let model = Model::parse(Box::leak(model.to_vec().into_boxed_slice())).expect("a model");
         let (host, transmitter) = (BoardEnd::new(mailbox, frame, answer), Transmitter::new(NodeId::DEFAULT));
+        let stream = BufReader::new(stream);
         Self { stream, fault, mailbox, frame, answer, host, model, pipeline: None, transmitter }
     }
 
@@ -151,29 +152,22 @@ impl Board {
         }
     }
 
-    fn byte(&mut self) -> Option<u8> {
-        let mut byte = [0];
-        self.stream.read_exact(&mut byte).ok()?;
-        Some(byte[0])
-    }
-
     fn packet(&mut self) -> Option<String> {
-        while self.byte()? != b'$' {}
-        let mut packet = vec![self.byte()?];
-        while packet.last() != Some(&b'#') {
-            packet.push(self.byte()?);
-        }
+        let (mut packet, mut sum) = (Vec::new(), [0; 2]);
+        self.stream.skip_until(b'$').ok()?;
+        self.stream.read_until(b'#', &mut packet).ok()?;
+        self.stream.read_exact(&mut sum).ok()?;
         packet.pop();
-        let sum = format!("{:02x}", packet.iter().copied().fold(0u8, u8::wrapping_add));
-        assert_eq!([self.byte()?, self.byte()?], sum.as_bytes(), "the checksum");
-        self.stream.write_all(b"+").ok()?;
+        let expected = format!("{:02x}", packet.iter().copied().fold(0u8, u8::wrapping_add));
+        assert_eq!(sum, expected.as_bytes(), "the checksum");
+        self.stream.get_mut().write_all(b"+").ok()?;
         String::from_utf8(packet).ok()
     }
 
     fn send(&mut self, packet: &str) {
         let sum = packet.bytes().fold(0u8, u8::wrapping_add);
         // A debugger that has seen enough does not wait for the answer.
-        let _ = write!(self.stream, "${packet}#{sum:02x}");
+        let _ = write!(self.stream.get_mut(), "${packet}#{sum:02x}");
     }
 
     fn answer(&mut self, packet: &str) -> String {
@@ -191,7 +185,7 @@ impl Board {
             }
             ("c", _) => {
                 self.run();
-                while self.byte().is_some_and(|byte| byte != 0x03) {}
+                let _ = self.stream.skip_until(0x03);
                 "T02thread:1;".to_owned()
             }
             ("m", rest) => {

@@ -5,7 +5,7 @@ use std::fs::{self, File};
 use std::io::BufReader;
 use std::path::Path;
 
-use crate::support::{Arrays, Place, assert_says, names};
+use crate::support::{Place, assert_says, names, unlabelled_episode};
 use serde_json::Value;
 use slipsense::fixed::Q;
 use slipsense::params::CONTACT_SUM_MIN;
@@ -143,7 +143,7 @@ fn run_with_labels_writes_everything() {
 #[test]
 fn run_without_labels_has_no_delays() {
     let place = Place::with_files();
-    Arrays { label: Vec::new(), ..Arrays::valid() }.write(&place.path("e.npz"));
+    unlabelled_episode().write(place.path("e.npz")).unwrap();
     let json = place.json(RUN);
     let (_, summary) = check(&place.path("deep/out"), &Episode::read(place.path("e.npz")).unwrap());
     assert_eq!(json, summary, "--json prints summary.json");

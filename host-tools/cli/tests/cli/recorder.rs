@@ -4,12 +4,12 @@
 use std::fs;
 use std::io::Write;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use crate::recordings::{Log, log};
-use crate::support::Place;
+use crate::support::{Place, assert_says};
 use rayon::prelude::*;
 use serde_json::Value;
 use slipsense_recording::log_file::{Format, read};
@@ -39,8 +39,7 @@ fn wait(what: &str, mut done: impl FnMut() -> bool) {
     }
 }
 
-/// Send frames in real time, their timestamps the time since the start, and kill the recorder. Returns the time from the last
-/// frame in its files to the kill.
+/// Send frames in real time, kill the recorder; the time from the last frame in its files to the kill.
 fn killed(after: Duration) -> Duration {
     use std::os::unix::process::ExitStatusExt;
     let place = Place::new();
@@ -179,14 +178,8 @@ fn a_recorder_splits_and_ends_by_sigterm() {
 #[test]
 fn a_full_disk_ends_a_recorder_and_is_said() {
     let place = Place::new();
-    let program = env!("CARGO_BIN_EXE_slipsense");
     for out in ["r.log", "r.mcap"] {
-        // No file may be longer than a megabyte: a write fails as on a full disk.
-        let limited = format!("trap '' XFSZ; ulimit -f 2048; exec {program} record - {out} --json");
-        let mut command = Command::new("sh");
-        command.args(["-c", &limited]).current_dir(place.path("."));
-        let mut child =
-            command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut child = place.start_limited(2048, &format!("record - @{out} --json"));
         let mut input = child.stdin.take().unwrap();
         input.write_all(&log(12, &[])).unwrap();
         wait("a flush", || fs::metadata(place.path(out)).is_ok_and(|data| data.len() > 1000));
@@ -196,10 +189,7 @@ fn a_full_disk_ends_a_recorder_and_is_said() {
         let ended = child.wait_with_output().unwrap();
         let error = String::from_utf8(ended.stderr).unwrap();
         assert_eq!(ended.status.code(), Some(2), "{error}");
-        assert!(
-            error.contains(&format!("{out}: cannot write: ")) && error.contains("File too large"),
-            "{error}"
-        );
+        assert_says(&error, &[&format!("{out}: cannot write: "), "File too large"]);
         let result: Value = serde_json::from_slice(&ended.stdout).unwrap();
         assert!(result["nodes"]["42"]["slip"].as_u64() > Some(12), "{result}");
         let said: Vec<usize> = error.split([' ', ':']).filter_map(|word| word.parse().ok()).collect();

@@ -7,9 +7,10 @@ use std::process::{Child, Command, Output, Stdio};
 
 use serde_json::Value;
 use slipsense::net::format::Dims;
-use slipsense::params::{TAXEL_COLS, TAXEL_ROWS, TAXELS};
+use slipsense::params::{TAXEL_COLS, TAXELS};
+use slipsense::sensor::PiezoFrame;
 use slipsense_recording::model_file::{ModelFile, random_model};
-use slipsense_recording::npz::write_file;
+use slipsense_recording::{Episode, Meta};
 use tempfile::TempDir;
 
 pub fn slipsense(args: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Output {
@@ -27,7 +28,7 @@ impl Place {
     /// With a small valid episode `e.npz` and a small model `m.slipnet`.
     pub fn with_files() -> Self {
         let place = Self::new();
-        Arrays::valid().write(&place.path("e.npz"));
+        episode().write(place.path("e.npz")).expect("an archive");
         place.file("m.slipnet", model_bytes());
         place
     }
@@ -56,9 +57,14 @@ impl Place {
 
     /// A command that goes on by itself.
     pub fn start(&self, line: &str) -> Child {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_slipsense"));
-        command.args(self.words(line)).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        command.spawn().expect("the binary starts")
+        spawn(Command::new(env!("CARGO_BIN_EXE_slipsense")).args(self.words(line)))
+    }
+
+    /// The same where no file may be longer than this many blocks: a write fails as on a full disk.
+    pub fn start_limited(&self, blocks: u32, line: &str) -> Child {
+        let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$@\"");
+        let command = ["-c", &script, "sh", env!("CARGO_BIN_EXE_slipsense")];
+        spawn(Command::new("sh").args(command).args(self.words(line)))
     }
 
     /// Standard output of a command that must succeed.
@@ -86,17 +92,25 @@ impl Place {
         text.unwrap_or_else(|| panic!("{line}: error: {error:?}")).to_owned()
     }
 
-    /// Commands that must fail with a message that contains these words (`@NAME` as in the command), and leave
-    /// nothing behind.
+    /// Commands that must fail with a message that contains these words (`@NAME` as in the command, `…` for what stands
+    /// between), and leave nothing behind.
     pub fn errors<L: AsRef<str>, R: AsRef<str>>(&self, cases: impl IntoIterator<Item = (L, R)>) {
         let before = self.names();
         for (line, rule) in cases {
             let (line, rule) = (line.as_ref(), self.words(rule.as_ref()).join(" "));
             let error = self.error(line);
-            assert!(error.contains(&rule), "{line}: {error:?} contains {rule:?}");
+            assert!(
+                rule.split(" … ").all(|words| error.contains(words)),
+                "{line}: {error:?} contains {rule:?}"
+            );
             assert_eq!(self.names(), before, "{line}: nothing is left behind");
         }
     }
+}
+
+fn spawn(command: &mut Command) -> Child {
+    command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command.spawn().expect("it starts")
 }
 
 /// Names in a folder, sorted.
@@ -108,64 +122,40 @@ pub fn names(folder: &Path) -> Vec<String> {
     names
 }
 
-/// The arrays of a small valid episode, some to be changed.
-pub struct Arrays {
-    pub frames: usize,
-    pub sensors: usize,
-    pub piezo: Vec<u16>,
-    pub xl: Vec<i16>,
-    pub xl_end: Vec<u32>,
-    pub label: Vec<u8>,
-    pub slip_true: Vec<f32>,
-    pub meta: String,
-}
-
-impl Arrays {
-    /// Two sensors, of which the first is pressed from frame 20 on.
-    pub fn valid() -> Self {
-        let (frames, sensors, samples) = (40, 2, 40 * 34);
-        let mut piezo = vec![0; frames * sensors * TAXELS];
-        for frame in 20..frames {
+/// A small episode with two sensors, of which the first is pressed from frame 20 on and slips from frame 30 on.
+pub fn episode() -> Episode {
+    const FRAMES: usize = 40;
+    let counts = |frame: usize, sensor: usize| {
+        let mut counts = [0; TAXELS];
+        if sensor == 0 && frame >= 20 {
             for cell in 0..64 {
                 let (row, col) = (12 + cell / 8, 12 + cell % 8);
-                piezo[frame * sensors * TAXELS + row * TAXEL_COLS + col] = (100 + cell + frame) as u16;
+                counts[row * TAXEL_COLS + col] = (100 + cell + frame) as u16;
             }
         }
-        // Any signal will do: a number generator's noise.
-        let mut state = 1u32;
-        let mut noise = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 20) as i16 - 2048
-        };
-        let label: Vec<u8> =
-            (0..frames).map(|f| [0, 1, 2][usize::from(f >= 20) + usize::from(f >= 30)]).collect();
-        Self {
-            frames,
-            sensors,
-            piezo,
-            xl: (0..sensors * samples * 3).map(|_| noise()).collect(),
-            xl_end: (0..frames * sensors).map(|i| ((i / sensors + 1) * 100 / 3) as u32).collect(),
-            slip_true: label.iter().map(|&l| if l == 2 { 5.0 } else { 0.0 }).collect(),
-            label,
-            meta: r#"{"xl_lsb_g": 0.000488, "xl_rate_hz": 8000, "frame_rate_hz": 240}"#.to_owned(),
-        }
+        PiezoFrame::from_counts(counts).expect("counts")
+    };
+    // Any signal will do: a number generator's noise.
+    let mut state = 1u32;
+    let mut noise = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 20) as i16 - 2048
+    };
+    let label: Vec<u8> = (0..FRAMES).map(|f| u8::from(f >= 20) + u8::from(f >= 30)).collect();
+    Episode {
+        sensors: 2,
+        piezo: (0..2 * FRAMES).map(|i| counts(i / 2, i % 2)).collect(),
+        xl: [(); 2].map(|()| (0..34 * FRAMES).map(|_| [(); 3].map(|()| noise())).collect()).to_vec(),
+        xl_end: (0..2 * FRAMES).map(|i| ((i / 2 + 1) * 100 / 3) as u32).collect(),
+        slip_true_mm_s: Some(label.iter().map(|&l| if l == 2 { 5.0 } else { 0.0 }).collect()),
+        label: Some(label),
+        meta: Meta::nominal(0.000488),
+        ..Episode::default()
     }
+}
 
-    pub fn write(&self, path: &Path) {
-        let samples = self.xl.len() / 3 / self.sensors;
-        write_file(path, |npz| {
-            let shape = [self.frames, self.sensors, TAXEL_ROWS, TAXEL_COLS];
-            npz.array("piezo", &shape, self.piezo.iter().copied())?;
-            npz.array("xl", &[self.sensors, samples, 3], self.xl.iter().copied())?;
-            npz.array("xl_end", &[self.frames, self.sensors], self.xl_end.iter().copied())?;
-            if !self.label.is_empty() {
-                npz.array("label", &[self.label.len()], self.label.iter().copied())?;
-            }
-            npz.array("slip_true", &[self.slip_true.len()], self.slip_true.iter().copied())?;
-            npz.array("meta", &[self.meta.len()], self.meta.bytes())
-        })
-        .expect("an archive");
-    }
+pub fn unlabelled_episode() -> Episode {
+    Episode { label: None, ..episode() }
 }
 
 /// That a text has all these words.

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::thread::sleep;
 use std::time::Duration;
 
-use crate::support::{Arrays, Place, names};
+use crate::support::{Place, names, unlabelled_episode};
 use serde_json::Value;
 use slipsense_recording::Episode;
 use slipsense_synth::Split;
@@ -102,7 +102,7 @@ fn what_does_not_fit_a_folder_is_refused_and_nothing_touched() {
     let refused = |set: &str, file: &str, rule: &str| {
         let before = content(&out);
         let line = format!("synth {set} --out @set");
-        place.errors([(&line, rule), (&line, &format!("@set/{file}"))]);
+        place.errors([(&line, format!("@set/{file} … {rule}"))]);
         assert!(content(&out) == before, "{rule}: nothing is touched");
     };
     let same = "--split val --frames 1";
@@ -232,11 +232,8 @@ fn options_that_make_no_sense() {
 fn a_full_disk_leaves_no_half_episode() {
     let place = Place::new();
     let out = place.path("out");
-    let script = "trap '' XFSZ; ulimit -f 64; exec \"$@\"";
-    let mut run = std::process::Command::new("sh");
-    run.args(["-c", script, "sh", env!("CARGO_BIN_EXE_slipsense")])
-        .args(place.words("synth --split val --frames 1 --out @out"));
-    let output = run.output().unwrap();
+    let output =
+        place.start_limited(64, "synth --split val --frames 1 --out @out").wait_with_output().unwrap();
     let error = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(2), "{error}");
     let file = out.join("val-00000.npz").display().to_string();
@@ -267,7 +264,7 @@ fn families_are_shown_beside_a_labelled_recording() {
     assert!(of("path")[1..].iter().all(|panel| distance(panel) > 0.1), "{gallery}");
     assert_eq!(of("contact")[0]["hold_counts"], gallery["recorded"]["hold_counts"]);
 
-    Arrays { label: Vec::new(), ..Arrays::valid() }.write(&place.path("unlabelled.npz"));
+    unlabelled_episode().write(place.path("unlabelled.npz")).unwrap();
     let error = place.error("families --episodes 1 --real @unlabelled.npz --out @none");
     assert!(error.contains("array `label` is missing") && !place.path("none").exists(), "{error}");
 }

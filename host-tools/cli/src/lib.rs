@@ -14,8 +14,6 @@ mod report;
 #[cfg(feature = "full")]
 mod set_dir;
 #[cfg(feature = "full")]
-mod signing;
-#[cfg(feature = "full")]
 mod grasp;
 #[cfg(feature = "full")]
 mod hil;
@@ -24,6 +22,7 @@ mod page_server;
 mod commands;
 
 use std::ffi::OsString;
+use std::io::{self, ErrorKind};
 
 use anyhow::Result;
 use clap::{CommandFactory, Parser, Subcommand};
@@ -68,7 +67,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    Demo(commands::demo::Args),
+    Demo(commands::run::DemoArgs),
     Run(commands::run::Args),
     Model(commands::model::Args),
     #[cfg(feature = "full")]
@@ -88,7 +87,11 @@ pub fn main(line: impl IntoIterator<Item = OsString>) -> u8 {
     match run(line) {
         Ok(()) => 0,
         // A reader that closed the pipe early, such as `head`, has what it wanted.
-        Err(error) if is_broken_pipe(&error) => 0,
+        Err(error)
+            if error.downcast_ref::<io::Error>().is_some_and(|e| e.kind() == ErrorKind::BrokenPipe) =>
+        {
+            0
+        }
         Err(error) => match error.downcast_ref::<clap::Error>() {
             // Help and version are among these. Nobody is left to tell that the terminal is gone.
             Some(usage) => {
@@ -128,11 +131,6 @@ pub fn one_line(error: &anyhow::Error) -> String {
         None => format!("{error:#}"),
     };
     text.split_whitespace().collect::<Vec<_>>().join(" ")
-}
-
-fn is_broken_pipe(error: &anyhow::Error) -> bool {
-    let io = error.downcast_ref::<std::io::Error>();
-    io.is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
 }
 
 /// `--help` of a program and of all its commands, 100 columns wide whatever the terminal.

@@ -118,10 +118,13 @@ fn answer(request: Request, sessions: &[Shared], port: u16) -> io::Result<()> {
         let answer = path.split_once('/').and_then(session).and_then(|(session, ask)| session.answer(ask));
         answer.map(|answer| ("application/octet-stream", answer.first, answer.body))
     };
-    match found {
-        Some((kind, first, body)) => request.respond(typed(body, kind, first)),
-        None => request.respond(Response::empty(404)),
-    }
+    let Some((kind, first, body)) = found else { return request.respond(Response::empty(404)) };
+    // Where the body begins in the session, if it is a part.
+    let first = first.map(|first: u64| ("First-Frame", first.to_string()));
+    let headers = [("Content-Type", kind.to_owned())].into_iter().chain(first);
+    // Names and values are plain text: none is refused.
+    let headers = headers.filter_map(|(name, value)| Header::from_bytes(name, value).ok());
+    request.respond(headers.fold(Response::from_data(body), Response::with_header))
 }
 
 fn is_own_host(request: &Request, port: u16) -> bool {
@@ -129,15 +132,6 @@ fn is_own_host(request: &Request, port: u16) -> bool {
     let own = [format!("127.0.0.1:{port}"), format!("localhost:{port}")];
     hosts.next().is_some_and(|host| own.iter().any(|own| host.value.as_str() == own))
         && hosts.next().is_none()
-}
-
-/// A body with its type, and where it begins in the session if it is a part.
-fn typed(body: Vec<u8>, content_type: &str, first: Option<u64>) -> Response<io::Cursor<Vec<u8>>> {
-    let first = first.map(|first| ("First-Frame", first.to_string()));
-    let headers = [("Content-Type", content_type.to_owned())].into_iter().chain(first);
-    // Names and values are plain text: none is refused.
-    let headers = headers.filter_map(|(name, value)| Header::from_bytes(name, value).ok());
-    headers.fold(Response::from_data(body), Response::with_header)
 }
 
 #[cfg(test)]

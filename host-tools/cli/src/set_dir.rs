@@ -31,8 +31,7 @@ pub struct SetDir {
 }
 
 impl SetDir {
-    /// Check, and touch nothing, that this set can be in this folder: nothing else is there, and what
-    /// describes it is not damaged.
+    /// Check, and touch nothing, that this folder can hold this set: no other is there, and none is damaged.
     pub fn check(path: &Path, set: EpisodeSet) -> Result<Self> {
         refuse_file(path)?;
         if let Some(there) = read(&path.join(SET), EpisodeSet::parse)? {
@@ -75,25 +74,17 @@ impl SetDir {
 
     /// A look at the archive's directory, which stands at its end, and at the first array's shape.
     fn is_there(&self, index: usize) -> bool {
+        let frames = Some(&self.set.episodes[index].frames);
         Reader::open(&self.file(index)).is_ok_and(|mut npz| {
-            let frames = npz
-                .array::<u16>("piezo")
-                .is_ok_and(|piezo| piezo.shape().first() == Some(&self.set.episodes[index].frames));
-            frames && npz.has("meta")
+            npz.has("meta") && npz.array::<u16>("piezo").is_ok_and(|piezo| piezo.shape().first() == frames)
         })
     }
 
-    fn file(&self, index: usize) -> PathBuf {
+    pub fn file(&self, index: usize) -> PathBuf {
         self.path.join(format!("{}.npz", self.set.episodes[index].name))
     }
 
-    /// Write one episode; the file appears when it is whole.
-    pub fn write(&self, index: usize, episode: &Episode) -> Result<()> {
-        Ok(episode.write(self.file(index))?)
-    }
-
-    /// If all episodes are there, write down their hashes, where that is not done, and check those that
-    /// are known.
+    /// If all episodes are there, check the hashes that are known, and write them all down where that is not done.
     pub fn finish(&mut self, each: impl Fn(usize) + Sync) -> Result<()> {
         self.is_complete = self.missing(Shard::WHOLE).is_empty();
         if !self.is_complete {
@@ -130,8 +121,7 @@ impl SetDir {
         self.compare_with_frozen()
     }
 
-    /// Read every episode again and compare it with `hashes.json` and, where this is one, with the frozen
-    /// test set.
+    /// Compare every episode with `hashes.json` and, where this is one, with the frozen test set.
     pub fn verify(&self, each: impl Fn(usize) + Sync) -> Result<()> {
         if let Some(&index) = self.missing(Shard::WHOLE).first() {
             bail!("{}: is missing or not whole", self.file(index).display());

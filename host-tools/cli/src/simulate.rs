@@ -21,10 +21,7 @@ pub struct Simulation {
     pub step_time: Duration,
 }
 
-/// Number and time of a frame's tick. A replayed episode starts at time 0, with frame 0.
-///
-/// # Panics
-/// Beyond frame 2^32, after 207 days.
+/// Number and time of a frame's tick: frame 0 is at time 0. Panics beyond frame 2^32, after 207 days.
 pub fn stamp(frame: usize) -> FrameStamp {
     let sequence = u32::try_from(frame).expect("an episode is shorter than 207 days");
     FrameStamp::of_recording(sequence)

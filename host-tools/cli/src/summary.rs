@@ -387,18 +387,15 @@ mod tests {
 
     #[test]
     fn outcomes_read_as_sentences() {
-        let event = |outcome, delay: Option<i64>| EventInfo {
-            onset_frame: 10,
-            end_frame: 20,
-            onset_s: seconds(10),
-            end_s: seconds(20),
-            outcome,
-            delay_frames: delay,
-            delay_ms: delay.map(milliseconds),
-        };
-        assert_eq!(event(Outcome::Hit, Some(3)).words(), "detected after 3 frames, 12.5 ms");
-        assert_eq!(event(Outcome::Hit, Some(0)).words(), "detected after 0 frames, 0.0 ms");
-        assert_eq!(event(Outcome::Early, Some(-1)).words(), "early by 1 frame, 4.2 ms");
-        assert_eq!(event(Outcome::Missed, None).words(), "missed");
+        for (flagged, words) in [
+            (23, "detected after 3 frames, 12.5 ms"),
+            (20, "detected after 0 frames, 0.0 ms"),
+            (19, "early by 1 frame, 4.2 ms"),
+            (0, "missed"),
+        ] {
+            let (label, mut flag) = ([[0; 20], [2; 20]].concat(), [0; 40]);
+            flag[flagged] = 1;
+            assert_eq!(FlagScores::new(&label, &flag).events[0].words(), words);
+        }
     }
 }

@@ -1,16 +1,10 @@
 //! One file per subcommand, each with its arguments and what they do. `full` has those of the full build.
 
-pub mod demo;
 pub mod model;
-#[cfg(not(feature = "train"))]
-mod not_in_build;
 pub mod run;
 
 #[cfg(feature = "full")]
 pub mod full;
-
-#[cfg(not(feature = "train"))]
-pub use not_in_build::NotInBuild;
 
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -75,4 +69,25 @@ pub fn print(text: &str) -> Result<()> {
 fn written(folder: &Path, files: &[(&str, &str)]) -> String {
     let line = |(what, file): &(&str, &str)| format!("  {what:<13} {}\n", folder.join(file).display());
     files.iter().map(line).collect()
+}
+
+/// The command line of a command that needs the feature `train`, in a build without.
+#[cfg(not(feature = "train"))]
+#[derive(clap::Args)]
+#[command(after_help = "\
+This build has no trainer, so that it compiles faster. The build that has it:
+  cargo run --release --features train -- COMMAND --help")]
+pub struct NotInBuild {
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, hide = true)]
+    rest: Vec<String>,
+}
+
+#[cfg(not(feature = "train"))]
+impl NotInBuild {
+    pub fn refuse(&self, command: &str) -> Result<()> {
+        let line = [&[command.to_owned()], &self.rest[..]].concat().join(" ");
+        anyhow::bail!(
+            "`{command}` is not in this build; get it with `cargo run --release --features train -- {line}`"
+        )
+    }
 }

@@ -1,4 +1,4 @@
-//! `slipsense run`: any episode file through the pipeline, and what both it and the demo write.
+//! `slipsense demo` and `run`: the bundled episode, or any other, through the pipeline.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -10,11 +10,40 @@ use slipsense_recording::Episode;
 use slipsense_recording::candump::CandumpWriter;
 
 use super::{ModelArg, Print, written};
-use crate::bundled::NamedModel;
+use crate::bundled::{self, NamedModel};
 use crate::output::OutputDir;
 use crate::simulate::simulate;
 use crate::summary::Summary;
 use crate::{picture, report};
+
+/// Detect a slip in the bundled synthetic episode
+///
+/// A gripper with instrumented fingertips holds an object, the object is pulled and slips. The episode
+/// is generated, its recipe is host-tools/cli/demo/recipe.json. It goes through the same code and the same
+/// model as on a module, bit for bit.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Writes timeline.svg, report.html, can.log, predictions.npz and summary.json; `slipsense run --help`
+says what each holds.
+
+Examples:
+  slipsense demo
+  slipsense demo --out /tmp/demo --json")]
+pub struct DemoArgs {
+    /// Folder to write; made if it does not exist
+    #[arg(long, value_name = "DIR", default_value = "out/demo")]
+    out: PathBuf,
+    #[command(flatten)]
+    print: Print,
+}
+
+impl DemoArgs {
+    pub fn run(self) -> Result<()> {
+        let out = OutputDir::prepare(&self.out)?;
+        let (episode, model) = (bundled::episode()?, bundled::model(None)?);
+        run((&episode, bundled::NAME), &model, Raw::Plain, &self.out, out, &self.print)
+    }
+}
 
 /// Run an episode file: slip flags, picture, report and CAN log
 ///

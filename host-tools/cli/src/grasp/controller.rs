@@ -4,11 +4,10 @@ use slipsense::wire::SlipMessage;
 use slipsense_synth::plant::GRIP_MAX_N;
 
 /// Which flag of the slip message is acted on.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Flag {
     /// `may_begin`, the class of the frame: what the paper's controller acts on.
-    #[default]
     MayBegin,
     /// `slip`, the flag to act on.
     Slip,
@@ -21,13 +20,6 @@ impl Flag {
                 Self::MayBegin => message.may_begin,
                 Self::Slip => message.slip,
             }
-    }
-
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::MayBegin => "may-begin",
-            Self::Slip => "slip",
-        }
     }
 }
 

@@ -15,13 +15,6 @@ const RATES_BPS: (u32, u32) = (1_000_000, 8_000_000);
 /// In this form three sensors fit on such a bus.
 const RAW_FORM: RawForm = RawForm::Compressed(Detail::All);
 
-#[derive(Clone, Copy, Debug)]
-pub struct ReceivedSlip {
-    /// End of its frame's last bit, nanoseconds since start.
-    pub at_ns: u64,
-    pub message: SlipMessage,
-}
-
 /// A module on a bus, and a receiver.
 pub struct Link {
     bus: Bus,
@@ -33,8 +26,7 @@ pub struct Link {
 }
 
 impl Link {
-    /// Other nodes ask for `foreign_percent` of the bus's time, with identifiers between the slip and the raw
-    /// messages'.
+    /// Other nodes ask for this share of the bus's time, with identifiers between slip and raw messages.
     pub fn new(foreign_percent: u8) -> Result<Self> {
         let timing = Timing::new(CLOCK_HZ, RATES_BPS.0, RATES_BPS.1)
             .map_err(|error| anyhow!("bus of {RATES_BPS:?} bit/s: {error:?}"))?;
@@ -66,8 +58,8 @@ impl Link {
         Ok(())
     }
 
-    /// Let time pass; what arrives meanwhile.
-    pub fn advance(&mut self, until_ns: u64) -> Result<Vec<ReceivedSlip>> {
+    /// Let time pass; what arrives meanwhile, with the end of its frame's last bit, nanoseconds since start.
+    pub fn advance(&mut self, until_ns: u64) -> Result<Vec<(u64, SlipMessage)>> {
         let mut arrived: Vec<Arrived> = Vec::new();
         loop {
             self.bus.advance(self.now_ns, |frame| arrived.push(frame));
@@ -86,7 +78,7 @@ impl Link {
         let mut received = Vec::new();
         for Arrived { at_ns, frame, .. } in arrived {
             match self.receiver.accept(&frame) {
-                Ok(Some(Received::Slip(message))) => received.push(ReceivedSlip { at_ns, message }),
+                Ok(Some(Received::Slip(message))) => received.push((at_ns, message)),
                 Ok(_) => {}
                 Err(error) => return Err(anyhow!("a frame of the module's: {error}")),
             }
@@ -115,10 +107,10 @@ mod tests {
             }
             received.extend(link.advance(2_000_000_000).unwrap());
             assert_eq!(received.len(), 200);
-            for (received, (sequence, sent)) in received.iter().zip((0..).zip(sent_ns)) {
-                assert_eq!(received.message.sequence, sequence);
-                assert!(received.message.may_begin && received.message.sensors == 2);
-                let delay_us = (received.at_ns - sent) / 1000;
+            for ((at_ns, message), (sequence, sent_ns)) in received.iter().zip((0..).zip(sent_ns)) {
+                assert_eq!(message.sequence, sequence);
+                assert!(message.may_begin && message.sensors == 2);
+                let delay_us = (at_ns - sent_ns) / 1000;
                 assert!((100..=most_us).contains(&delay_us), "{delay_us} us at {foreign} %");
             }
         }

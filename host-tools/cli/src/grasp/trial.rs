@@ -9,7 +9,7 @@ use slipsense::wire::Origin;
 use slipsense_synth::plant::{GRIP_MAX_N, Plant, Trial};
 
 use super::controller::{Controller, Reaction};
-use super::link::{Link, ReceivedSlip};
+use super::link::Link;
 
 /// From a command until the force is there, milliseconds: drawn for each trial.
 pub const ACTUATOR_MS: (f64, f64) = (20.0, 40.0);
@@ -117,7 +117,7 @@ pub fn run(trial: &Trial, model: Model<'_>, config: &LoopConfig) -> Result<(Outc
         series.flag.push(config.reaction.flag.is_up(&slip));
         received.extend(link.advance(tick_ns(frame + 1))?);
 
-        for ReceivedSlip { at_ns, message } in received {
+        for (at_ns, message) in received {
             let now_s = at_ns as f64 * 1e-9;
             let flagged = message.sequence as usize;
             let (start_s, end_s) = (now_s + DEAD_SHARE * actuator_ms * 1e-3, now_s + actuator_ms * 1e-3);

@@ -7,12 +7,14 @@
 pub mod gdb;
 #[cfg(feature = "hil")]
 pub mod probe;
-pub mod program;
 pub mod replay;
 
+use std::path::Path;
 use std::time::Duration;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
+use object::{Object, ObjectSymbol};
+use slipsense::board::mailbox::SYMBOL;
 
 /// A core whose memory can be read and written.
 pub trait Target {
@@ -27,4 +29,18 @@ pub trait Target {
 
     /// Write words to an address that is a multiple of four.
     fn write(&mut self, address: u32, words: &[u32]) -> Result<()>;
+}
+
+/// Address of the mailbox in the ELF at `path`, the program that a board runs.
+pub fn mailbox(path: &Path) -> Result<u32> {
+    let name = path.display();
+    let bytes = std::fs::read(path).with_context(|| format!("{name}: cannot read the program"))?;
+    let elf = object::File::parse(&*bytes).with_context(|| format!("{name}: not an ELF file"))?;
+    let symbol = elf.symbols().find(|symbol| symbol.name() == Ok(SYMBOL)).with_context(|| {
+        format!("{name}: has no {SYMBOL}, so it is not slipsense-hil, which `cargo build-hil-h743` builds")
+    })?;
+    u32::try_from(symbol.address())
+        .ok()
+        .filter(|address| address.is_multiple_of(4))
+        .with_context(|| format!("{name}: {SYMBOL} is at {:#x}, not in a core's memory", symbol.address()))
 }

@@ -57,8 +57,7 @@ impl UsbProbe {
         Ok(Self { session, is_running: false })
     }
 
-    /// Write the program to flash, where it is not there yet, and read it back. `progress` gets the bytes written, and
-    /// of how many.
+    /// Write the program to flash where it is not there yet, and read it back. `progress`: bytes, and of how many.
     pub fn flash(&mut self, elf: &Path, mut progress: impl FnMut(u64, Option<u64>)) -> Result<()> {
         let mut options = DownloadOptions::default();
         // Flash wears, and most runs have the same program.

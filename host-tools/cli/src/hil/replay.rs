@@ -36,6 +36,9 @@ pub struct Difference {
 
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Report {
+    /// Its file.
+    pub episode: String,
+    pub sensors: usize,
     pub frames: usize,
     pub differing_frames: usize,
     pub can_frames: usize,
@@ -51,6 +54,7 @@ pub struct Report {
 
 pub struct Run<'a> {
     pub mailbox: u32,
+    pub name: String,
     pub episode: &'a Episode,
     pub frames: usize,
     pub model: Model<'a>,
@@ -58,13 +62,13 @@ pub struct Run<'a> {
     pub timeout: Duration,
 }
 
-/// Replay it, from reset. `progress` is called once per frame. The report's seconds have the steps of this computer's
-/// pipeline in them.
+/// Replay it, from reset, with `progress` after each frame. The report's seconds hold this computer's pipeline too.
 pub fn replay(target: &mut dyn Target, run: &Run<'_>, mut progress: impl FnMut()) -> Result<Report> {
     let begun = Instant::now();
     let mut board = Board { target, run, areas: (0, 0) };
     let core_hz = board.open()?;
-    let mut report = Report { frames: run.frames, core_hz, ..Report::default() };
+    let (episode, sensors) = (run.name.clone(), run.episode.sensors);
+    let mut report = Report { episode, sensors, frames: run.frames, core_hz, ..Report::default() };
     simulate(run.episode, run.frames, run.model, RawForm::Plain, |stamp, expected| {
         let answer = board.answer(stamp)?;
         report.compare(stamp.sequence as usize, expected, &answer);
@@ -174,10 +178,7 @@ impl Report {
         let places = expected.len().max(answer.can.len());
         for place in 0..places {
             let (expected, found) = (expected.get(place), answer.can.get(place));
-            if expected == found {
-                continue;
-            }
-            if self.first.len() < DESCRIBED_MAX {
+            if expected != found && self.first.len() < DESCRIBED_MAX {
                 let text = |can: Option<&CanFrame>| can.map(|can| format!("{can:?}"));
                 let (expected, found) = (text(expected), text(found));
                 self.first.push(Difference { frame, can_frame: place, expected, found });

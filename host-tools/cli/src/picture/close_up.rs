@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use svg::node::element::Circle;
+use svg::node::element::{Circle, Group};
 
 use super::Panels;
 use super::draw::{Anchor, BASE, CLASS, Canvas, GREY, NEUTRAL, RULE, area, curve, heading, rect, rule};
@@ -31,7 +31,7 @@ impl Panels<'_> {
             let left = LEFT + i as f64 * (width + SPACE);
             let title = format!("Onset {}: {}", i + 1, event.words());
             let close_up = self.close_up(event, &title, left..left + width, y + 34.0);
-            self.add(close_up.into_group());
+            self.add(close_up.0);
         }
         let legend = "Line: slip logit minus no-slip logit, one dot per frame, orange where the flag is up.";
         let shade = if self.episode.slip_true_mm_s.is_some() { " Shade: true slip speed." } else { "" };
@@ -46,7 +46,7 @@ impl Panels<'_> {
         let x = Scale::new(onset as f64 - BEFORE as f64..(onset + AFTER) as f64, span.clone());
         let bottom = y + HEIGHT;
         let (left, right) = (span.start, span.end);
-        let mut group = Canvas::group();
+        let mut group = Canvas(Group::new());
         group.add(heading(left, y - 10.0, title, ""));
 
         if let Some(speed) = &self.episode.slip_true_mm_s {

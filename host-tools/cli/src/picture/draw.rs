@@ -23,19 +23,11 @@ pub(super) const CLASS: [&str; 3] = ["#a3aebb", "#4a9bd4", "#d55e00"];
 pub const CLASS_NAME: [&str; 3] = ["no contact", "no slip", "slip"];
 pub(super) const SENSOR: [&str; 3] = ["#2b3a55", "#009e73", "#cc79a7"];
 
-pub(super) struct Canvas(Group);
+pub(super) struct Canvas(pub(super) Group);
 
 impl Canvas {
     pub(super) fn new() -> Self {
         Self(Group::new().set("font-family", FONT))
-    }
-
-    pub(super) fn group() -> Self {
-        Self(Group::new())
-    }
-
-    pub(super) fn into_group(self) -> Group {
-        self.0
     }
 
     pub(super) fn add(&mut self, node: impl Into<Box<dyn svg::Node>>) {

@@ -49,8 +49,7 @@ pub(super) fn columns(frames: Range<usize>, at_most: usize) -> Vec<Range<usize>>
     (0..count).map(|i| edge(i)..edge(i + 1)).collect()
 }
 
-/// Points of a line with no more than two per column: where frames share one, its extremes, so that no
-/// peak is lost.
+/// Points of a line, at most two per column: where frames share one, its extremes, so that no peak is lost.
 pub(super) fn line(frames: Range<usize>, at_most: usize, value: impl Fn(usize) -> f64) -> Vec<(f64, f64)> {
     let mut points = Vec::new();
     for column in columns(frames, at_most) {

@@ -83,10 +83,7 @@ impl Args {
             );
         }
         let mut source = open(&self.source, self.data.data_mbit)?;
-        let gain = match self.newton {
-            Some(newton) => Some(gain(&self.press(&mut source)?, newton)?),
-            None => None,
-        };
+        let gain = self.newton.map(|newton| gain(&self.press(&mut source)?, newton)).transpose()?;
         let numbers = if self.source.is_live() { self.change(&mut source, gain)? } else { Vec::new() };
         let gain = gain.map(|(found, factor)| (found, f64::from(factor) / f64::from(GAIN_ONE)));
         let gain_json = gain.map(|(found, factor)| json!({"newton_before": found, "factor": factor}));

@@ -106,7 +106,11 @@ struct Seed {
 impl Args {
     pub fn run(self) -> Result<()> {
         match self.evaluate()? {
-            Some(results) => self.print.show(&results, || self.text(&results)),
+            Some(results) => self.print.show(&results, || {
+                let files = written(&self.out, &[("report", "report.html"), ("numbers", "metrics.json")]);
+                let (wall_s, threads) = (results.wall_s, results.threads);
+                format!("{results}\n{files}  evaluated in  {wall_s:.1} s on {threads} threads\n")
+            }),
             None => {
                 let part = self.shard.unwrap_or(Shard::WHOLE).to_string();
                 let made = json!({"part": part, "complete": false});
@@ -117,10 +121,7 @@ impl Args {
 
     /// Results, written to the folder; none where other parts are missing.
     pub fn evaluate(&self) -> Result<Option<Results>> {
-        let fitted = match &self.fit {
-            Some(path) => Fitted::read(path)?,
-            None => Fitted::bundled()?,
-        };
+        let fitted = self.fit.as_deref().map_or_else(Fitted::bundled, Fitted::read)?;
         let seeds = self.seeds()?;
         let candidates = self.candidates(&fitted, &seeds)?;
         let inputs = inputs(&self.inputs, self.data.as_deref(), &self.frames)?;
@@ -148,12 +149,6 @@ impl Args {
             files.remove()?;
         }
         Ok(Some(results))
-    }
-
-    fn text(&self, results: &Results) -> String {
-        let files = written(&self.out, &[("report", "report.html"), ("numbers", "metrics.json")]);
-        let (wall_s, threads) = (results.wall_s, results.threads);
-        format!("{results}\n{files}  evaluated in  {wall_s:.1} s on {threads} threads\n")
     }
 
     /// What parts of one evaluation have in common.

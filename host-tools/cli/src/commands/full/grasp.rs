@@ -5,6 +5,7 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
+use clap::ValueEnum;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use slipsense_synth::plant::{Hand, LOST_MM, LOST_TURN_RAD, Objects, Trial, trials};
@@ -147,7 +148,8 @@ impl Args {
     }
 
     fn headline(&self) -> String {
-        let (hand, objects, flag) = (self.hand.name(), self.objects.name(), self.flag.name());
+        let flag = self.flag.to_possible_value().unwrap_or_default();
+        let (hand, objects, flag) = (self.hand.name(), self.objects.name(), flag.get_name());
         format!(
             "synthetic; hand {hand}, objects {objects}, flag {flag}, gain {}, seed {}",
             self.gain, self.seed

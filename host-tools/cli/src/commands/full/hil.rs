@@ -4,13 +4,12 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use serde::Serialize;
 use slipsense_recording::Episode;
 
 use super::{ModelArg, Print};
 use crate::hil::gdb::GdbServer;
 use crate::hil::replay::{Difference, Report, Run, replay};
-use crate::hil::{Target, program};
+use crate::hil::{Target, mailbox};
 
 /// Replay an episode into a board over its debug probe, and compare every CAN frame with this computer's
 ///
@@ -70,41 +69,28 @@ pub struct Args {
 /// Exit code where board and computer differ.
 const EXIT_DIFFERENT: i32 = 1;
 
-#[derive(Serialize)]
-struct Json<'a> {
-    episode: &'a str,
-    sensors: usize,
-    #[serde(flatten)]
-    report: &'a Report,
-}
-
 impl Args {
     pub fn run(self) -> Result<()> {
-        let mailbox = program::mailbox(&self.elf)?;
+        let mailbox = mailbox(&self.elf)?;
         let model = self.model.read()?;
         let model = model.parse()?;
         let episode = Episode::read(&self.episode)?;
         let frames = self.frames.map_or(usize::MAX, |frames| frames as usize).min(episode.frames());
         let timeout = Duration::from_secs(self.timeout_s);
-        let mut target = self.target(timeout)?;
-        let run = Run { mailbox, episode: &episode, frames, model, timeout };
-        let report = self.print.progress(frames, "frames", |bar| replay(&mut *target, &run, || bar.inc(1)));
-        let report = report.with_context(|| self.episode.display().to_string())?;
-        drop(target);
+        let mut target: Box<dyn Target> = match &self.gdb {
+            Some(address) => Box::new(GdbServer::connect(address, timeout)?),
+            None => self.probe(self.probe.as_ref().and_then(Option::as_deref))?,
+        };
         let name = self.episode.display().to_string();
-        let result = Json { episode: &name, sensors: episode.sensors, report: &report };
-        self.print.show(&result, || result.text())?;
+        let run = Run { mailbox, name, episode: &episode, frames, model, timeout };
+        let report = self.print.progress(frames, "frames", |bar| replay(&mut *target, &run, || bar.inc(1)));
+        let report = report.context(run.name)?;
+        drop(target);
+        self.print.show(&report, || text(&report))?;
         if report.differing_frames > 0 {
             std::process::exit(EXIT_DIFFERENT);
         }
         Ok(())
-    }
-
-    fn target(&self, timeout: Duration) -> Result<Box<dyn Target>> {
-        match &self.gdb {
-            Some(address) => Ok(Box::new(GdbServer::connect(address, timeout)?)),
-            None => self.probe(self.probe.as_ref().and_then(Option::as_deref)),
-        }
     }
 
     #[cfg(feature = "hil")]
@@ -130,26 +116,20 @@ impl Args {
     }
 }
 
-impl Json<'_> {
-    fn text(&self) -> String {
-        let Self { episode, sensors, report } = self;
-        let mut text = String::new();
-        for Difference { frame, can_frame, expected, found } in &report.first {
-            let side = |can: &Option<String>| can.clone().unwrap_or_else(|| "none".to_owned());
-            let (board, here) = (side(found), side(expected));
-            text += &format!("frame {frame}, CAN frame {can_frame}: board {board}, here {here}\n");
-        }
-        let Report { frames, differing_frames, can_frames, .. } = report;
-        text += &format!(
-            "{episode}: {} of {frames} frames equal, {differing_frames} differ; {can_frames} CAN frames of {sensors} \
-             sensors compared\n",
-            frames - differing_frames
-        );
-        let Report { worst_step_cycles, worst_step_frame, worst_step_us, core_hz, .. } = report;
-        text += &format!(
-            "pipeline: {worst_step_cycles} cycles at most, in frame {worst_step_frame}: {worst_step_us:.1} us at \
-             {core_hz} Hz, by the board's own counter\n"
-        );
-        text
+fn text(report: &Report) -> String {
+    let mut text = String::new();
+    for Difference { frame, can_frame, expected, found } in &report.first {
+        let side = |can: &Option<String>| can.clone().unwrap_or_else(|| "none".to_owned());
+        let (board, here) = (side(found), side(expected));
+        text += &format!("frame {frame}, CAN frame {can_frame}: board {board}, here {here}\n");
     }
+    let Report { episode, sensors, frames, differing_frames, can_frames, .. } = report;
+    let Report { worst_step_cycles, worst_step_frame, worst_step_us, core_hz, .. } = report;
+    text + &format!(
+        "{episode}: {} of {frames} frames equal, {differing_frames} differ; {can_frames} CAN frames of {sensors} \
+         sensors compared\n\
+         pipeline: {worst_step_cycles} cycles at most, in frame {worst_step_frame}: {worst_step_us:.1} us at \
+         {core_hz} Hz, by the board's own counter\n",
+        frames - differing_frames
+    )
 }

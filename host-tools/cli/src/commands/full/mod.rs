@@ -10,15 +10,13 @@ mod features;
 mod fit;
 mod grasp;
 mod hil;
-mod image;
 mod inputs;
-mod keygen;
 mod label;
 mod live;
 mod monitor;
 mod record;
 mod replay;
-mod sign;
+mod signing;
 mod synth;
 #[cfg(feature = "train")]
 mod train;
@@ -63,9 +61,9 @@ pub enum Command {
     Tune(tune::Args),
     Grasp(grasp::Args),
     Busload(busload::Args),
-    Sign(sign::Args),
-    Keygen(keygen::Args),
-    Image(image::Args),
+    Sign(signing::SignArgs),
+    Keygen(signing::KeygenArgs),
+    Image(signing::ImageArgs),
     Hil(hil::Args),
     Calibrate(calibrate::Args),
     Record(record::Args),

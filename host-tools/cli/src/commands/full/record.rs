@@ -13,8 +13,7 @@ use slipsense_recording::recorder::Recorder;
 use super::Print;
 use super::live::{DataRate, Event, Live, PassedOver};
 
-/// Time between flushes. A kill costs this and the time that writing takes: together no more than a second, on a busy
-/// computer too.
+/// Time between flushes. With the time that writing takes, on a busy computer too, a kill costs a second at most.
 const FLUSH: Duration = Duration::from_millis(400);
 
 /// Record a bus to MCAP and candump, and count what was lost

@@ -9,7 +9,7 @@ use anyhow::{Context, Result, bail};
 use clap::ArgGroup;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use rayon::prelude::*;
-use serde_json::{Value, json};
+use serde_json::json;
 use slipsense::params::FRAME_RATE_HZ;
 use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED, PAPER_FRAMES, paper_set};
 use slipsense_synth::{Recipe, Shard, Split, content_hash, generate};
@@ -178,7 +178,7 @@ impl Args {
             let make = |(at, index): (usize, usize)| {
                 let planned = &dirs[at].set.episodes[index];
                 let episode = generate(&planned.recipe).with_context(|| planned.name.clone())?;
-                dirs[at].write(index, &episode)?;
+                episode.write(dirs[at].file(index))?;
                 bar.inc(planned.frames as u64);
                 Ok((at, index, content_hash(&episode)))
             };
@@ -197,10 +197,17 @@ impl Args {
         let elapsed_s = start.elapsed().as_secs_f64();
         let signal_s = made as f64 / FRAME_RATE_HZ as f64;
         let times = signal_s / elapsed_s;
-        let sets: Vec<Value> = dirs.iter().map(json_of).collect();
+        let set = |dir: &SetDir| {
+            json!({
+                "split": dir.set.split, "seed": dir.set.seed, "out": dir.path.display().to_string(),
+                "episodes": dir.set.episodes.len(), "frames": dir.set.total_frames(),
+                "episodes_made": dir.made.iter().flatten().count(), "complete": dir.is_complete,
+                "hash": dir.hash(), "frozen": dir.is_frozen(),
+            })
+        };
         let result = json!({
-            "sets": sets, "frames_made": made, "signal_s": signal_s, "elapsed_s": elapsed_s,
-            "x_real_time": times, "verified": self.verify,
+            "sets": dirs.iter().map(set).collect::<Vec<_>>(), "frames_made": made, "signal_s": signal_s,
+            "elapsed_s": elapsed_s, "x_real_time": times, "verified": self.verify,
         });
         self.print.show(&result, || {
             let mut text = String::new();
@@ -221,18 +228,4 @@ impl Args {
             }
         })
     }
-}
-
-fn json_of(dir: &SetDir) -> Value {
-    json!({
-        "split": dir.set.split,
-        "seed": dir.set.seed,
-        "out": dir.path.display().to_string(),
-        "episodes": dir.set.episodes.len(),
-        "frames": dir.set.total_frames(),
-        "episodes_made": dir.made.iter().flatten().count(),
-        "complete": dir.is_complete,
-        "hash": dir.hash(),
-        "frozen": dir.is_frozen(),
-    })
 }

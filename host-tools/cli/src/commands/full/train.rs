@@ -33,8 +33,7 @@ pub fn reproduce(args: &ReproduceArgs) -> Result<()> {
     Ok(())
 }
 
-/// What the paper shows of its whole method, by the shipped network: evaluated on the paper's splits, and in the closed
-/// loop with each hand. Files go to `out`.
+/// What the paper shows of its whole method, by the shipped network: its splits, and the closed loop with each hand.
 fn shipped(out: &Path) -> Result<String> {
     let folder = out.to_str().with_context(|| format!("{}: not UTF-8", out.display()))?;
     let splits = ["umi_id", "umi_ood", "palm", "tesollo2", "tesollo3"];

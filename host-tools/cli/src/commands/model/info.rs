@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use anyhow::Result;
+use indicatif::HumanCount;
 use serde::Serialize;
 use slipsense::net::Model;
 use slipsense::net::format::Dims;
@@ -43,6 +44,11 @@ pub struct Args {
     model: Option<PathBuf>,
     #[command(flatten)]
     print: Print,
+}
+
+/// With a comma after every third digit from the right.
+fn thousands(number: usize) -> String {
+    HumanCount(number as u64).to_string()
 }
 
 #[derive(Serialize)]
@@ -150,7 +156,7 @@ impl Info {
         text += &self.layer_table();
         for Total { name, value, at_most, fits, note } in &self.totals {
             let verdict = if *fits { "fits" } else { "TOO MUCH" };
-            let (value, at_most) = (thousands(*value), thousands(*at_most));
+            let [value, at_most] = [*value, *at_most].map(thousands);
             let _ = writeln!(text, "  {name:24} {value:>11}   at most {at_most:>11}   {verdict}");
             if !note.is_empty() {
                 let _ = writeln!(text, "    ({note})");
@@ -184,26 +190,5 @@ impl Info {
             );
         }
         text + "\n"
-    }
-}
-
-/// With a comma after every third digit from the right.
-fn thousands(number: usize) -> String {
-    match number {
-        0..1000 => number.to_string(),
-        _ => format!("{},{:03}", thousands(number / 1000), number % 1000),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn thousands_by_hand() {
-        let cases = [(0, "0"), (999, "999"), (1000, "1,000"), (12345, "12,345"), (1950000, "1,950,000")];
-        for (number, text) in cases {
-            assert_eq!(thousands(number), text);
-        }
     }
 }

@@ -4,8 +4,8 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufWriter, Seek, Write};
-use std::path::Path;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use cdr_encoding::to_vec;
@@ -16,7 +16,7 @@ use slipsense_recording::decode::Count;
 use slipsense_recording::log_file::{self, Format, Record};
 
 use crate::messages::{Qos, RosMessage};
-use crate::topics::{Sink, Topics};
+use crate::topics::{Sink, Topics, namespace};
 
 /// CDR, low byte first, no options.
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
@@ -26,26 +26,66 @@ const CHUNK_BYTES: u64 = 1 << 20;
 const METADATA_VERSION: u32 = 5;
 const BAG_FILE: &str = "bag_0.mcap";
 
-#[derive(Debug, serde::Serialize)]
-pub struct Written {
-    pub messages: BTreeMap<String, u64>,
+/// Write a recording of the bus as a bag of ROS 2, in MCAP
+///
+/// The bag has the node's topics and can be played, plotted and converted by what ROS 2 has. The CAN frames stay in
+/// the recording.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  slipsense-ros2 bag grasp.mcap grasp_bag
+  ros2 bag play grasp_bag")]
+pub struct Args {
+    /// A recording: .mcap or .log
+    #[arg(value_name = "RECORDING")]
+    recording: PathBuf,
+    /// The folder to make
+    #[arg(value_name = "BAG")]
+    out: PathBuf,
+    /// What every topic begins with
+    #[arg(long, value_name = "NAME", default_value = "/slipsense", value_parser = namespace)]
+    namespace: String,
+    /// Print the counts as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(serde::Serialize)]
+struct Written {
+    messages: BTreeMap<String, u64>,
     /// What was on the bus, by node.
-    pub nodes: BTreeMap<u8, Count>,
+    nodes: BTreeMap<u8, Count>,
     /// What the recording has and no message says, in words.
-    pub notes: Vec<String>,
+    notes: Vec<String>,
+}
+
+impl Args {
+    pub fn run(self) -> Result<()> {
+        let Some(format) = Format::from_path(&self.recording) else {
+            bail!("{}: must end in .mcap or .log", self.recording.display())
+        };
+        let written = write(&self.out, &self.recording, format, &self.namespace)?;
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(&written)?);
+            return Ok(());
+        }
+        println!("{}:", self.out.display());
+        written.notes.iter().for_each(|note| println!("  {note}"));
+        for (topic, messages) in written.messages {
+            println!("  {messages:6} {topic}");
+        }
+        Ok(())
+    }
 }
 
 /// Write a bag of a recording into the new folder `out`, with all topics in `namespace`. What fails leaves nothing behind.
-///
-/// # Errors
-/// If `out` is there, cannot be written, or no message is in the recording.
-pub fn write(out: &Path, recording: &Path, format: Format, namespace: &str) -> Result<Written> {
+fn write(out: &Path, recording: &Path, format: Format, namespace: &str) -> Result<Written> {
     ensure!(!out.exists(), "{}: is there already; a bag is a new folder", out.display());
     let parent = out.parent().filter(|parent| *parent != Path::new("")).unwrap_or(Path::new("."));
     let made = tempfile::Builder::new().prefix(".slipsense-").suffix(".partial").tempdir_in(parent);
     let partial = made.with_context(|| format!("{}: cannot write", parent.display()))?;
     let file = File::create(partial.path().join(BAG_FILE))?;
-    let (mut bag, mut topics) = (Bag::new(BufWriter::new(file))?, Topics::new(namespace));
+    let (mut bag, mut topics) = (Bag::new(file)?, Topics::new(namespace));
     let mut reader = log_file::open(recording, format)?;
     for record in reader.by_ref() {
         if let Record::Frame(entry) = record? {
@@ -69,21 +109,21 @@ struct Topic {
     messages: u64,
 }
 
-struct Bag<W: Write + Seek> {
-    writer: Writer<W>,
+struct Bag {
+    writer: Writer<BufWriter<File>>,
     topics: BTreeMap<String, Topic>,
     /// Nanoseconds of the first and last message.
     span: Option<(u64, u64)>,
 }
 
-impl<W: Write + Seek> Bag<W> {
-    fn new(out: W) -> Result<Self> {
+impl Bag {
+    fn new(file: File) -> Result<Self> {
         let options = WriteOptions::new()
             .profile("ros2")
             .compression(None)
             .chunk_size(Some(CHUNK_BYTES))
             .library(concat!("slipsense ", env!("CARGO_PKG_VERSION")));
-        Ok(Self { writer: options.create(out)?, topics: BTreeMap::new(), span: None })
+        Ok(Self { writer: options.create(BufWriter::new(file))?, topics: BTreeMap::new(), span: None })
     }
 
     fn finish(mut self, nodes: BTreeMap<u8, Count>) -> Result<(Written, String)> {
@@ -123,12 +163,12 @@ impl<W: Write + Seek> Bag<W> {
     }
 }
 
-impl<W: Write + Seek> Sink for Bag<W> {
+impl Sink for Bag {
     fn put<M: RosMessage>(&mut self, name: &str, message: M, time_us: u64) -> Result<()> {
         let topic = match self.topics.get_mut(name) {
             Some(topic) => topic,
             None => {
-                let kind = format!("{}/msg/{}", M::PACKAGE, M::NAME);
+                let kind = format!("{}/msg/{}", M::KIND.0, M::KIND.1);
                 let schema = self.writer.add_schema(&kind, "ros2msg", M::definition().as_bytes())?;
                 let qos = profiles(M::QOS);
                 let metadata = BTreeMap::from([("offered_qos_profiles".to_owned(), qos.clone())]);

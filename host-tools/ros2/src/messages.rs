@@ -13,7 +13,7 @@ use slipsense::wire::{NodeId, RawMessage, SlipMessage};
 use slipsense_synth::pressure_kpa;
 
 /// How a topic is offered.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy)]
 pub struct Qos {
     /// Lost messages are sent again; else a subscriber must be content with best effort, as RViz is.
     pub reliable: bool,
@@ -23,21 +23,23 @@ pub struct Qos {
     pub depth: u32,
 }
 
+/// Package and name.
+type Kind = (&'static str, &'static str);
 /// Name and text.
 type Definition = (&'static str, &'static str);
 
 pub trait RosMessage: Serialize + Clone + 'static {
-    const PACKAGE: &'static str;
-    const NAME: &'static str;
+    const KIND: Kind;
     const QOS: Qos;
     const DEFINITION: &'static str;
-    /// Of all that it is made of.
-    const PARTS: &'static [Definition];
+    /// Of all that it is made of, beside the header.
+    const PARTS: &'static [Definition] = &[];
 
     /// Its definition and, marked as ROS' bags do, those of its parts.
     fn definition() -> String {
         let part = |(name, part): &(_, _)| format!("{}\nMSG: {name}\n{part}", "=".repeat(80));
-        Self::DEFINITION.to_owned() + &Self::PARTS.iter().map(part).collect::<String>()
+        let header = [("std_msgs/Header", HEADER), ("builtin_interfaces/Time", TIME)];
+        Self::DEFINITION.to_owned() + &Self::PARTS.iter().chain(&header).map(part).collect::<String>()
     }
 }
 
@@ -270,18 +272,6 @@ pub fn sensor_frame_of(node: NodeId, sensor: u8) -> String {
     format!("node{}_sensor{sensor}", node.get())
 }
 
-const HEADER: Definition = (
-    "std_msgs/Header",
-    "builtin_interfaces/Time stamp
-string frame_id
-",
-);
-const TIME: Definition = (
-    "builtin_interfaces/Time",
-    "int32 sec
-uint32 nanosec
-",
-);
 const IMAGE: &str = "std_msgs/Header header
 uint32 height
 uint32 width
@@ -290,12 +280,8 @@ uint8 is_bigendian
 uint32 step
 uint8[] data
 ";
-const DIAGNOSTICS: &str = "std_msgs/Header header
-diagnostic_msgs/DiagnosticStatus[] status
-";
-const STATUS: Definition = (
-    "diagnostic_msgs/DiagnosticStatus",
-    "byte OK=0
+const DIAGNOSTICS: &str = "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status\n";
+const STATUS: &str = "byte OK=0
 byte WARN=1
 byte ERROR=2
 byte STALE=3
@@ -304,59 +290,46 @@ string name
 string message
 string hardware_id
 diagnostic_msgs/KeyValue[] values
-",
-);
-const KEY_VALUE: Definition = (
-    "diagnostic_msgs/KeyValue",
-    "string key
-string value
-",
-);
+";
+const KEY_VALUE: &str = "string key\nstring value\n";
+const HEADER: &str = "builtin_interfaces/Time stamp\nstring frame_id\n";
+const TIME: &str = "int32 sec\nuint32 nanosec\n";
 /// For what is looked at and recorded: newest first, none twice.
 const SENSOR_DATA: Qos = Qos { reliable: false, latched: false, depth: 5 };
-const RELIABLE: Qos = Qos { reliable: true, latched: false, depth: 10 };
+pub const RELIABLE: Qos = Qos { reliable: true, latched: false, depth: 10 };
 
 impl RosMessage for Slip {
-    const PACKAGE: &'static str = "slipsense_msgs";
-    const NAME: &'static str = "Slip";
+    const KIND: Kind = ("slipsense_msgs", "Slip");
     const QOS: Qos = RELIABLE;
     const DEFINITION: &'static str = include_str!("../slipsense_msgs/msg/Slip.msg");
-    const PARTS: &'static [Definition] = &[
-        ("slipsense_msgs/SensorContact", include_str!("../slipsense_msgs/msg/SensorContact.msg")),
-        HEADER,
-        TIME,
-    ];
+    const PARTS: &'static [Definition] =
+        &[("slipsense_msgs/SensorContact", include_str!("../slipsense_msgs/msg/SensorContact.msg"))];
 }
 
 impl RosMessage for Raw {
-    const PACKAGE: &'static str = "slipsense_msgs";
-    const NAME: &'static str = "Raw";
+    const KIND: Kind = ("slipsense_msgs", "Raw");
     const QOS: Qos = SENSOR_DATA;
     const DEFINITION: &'static str = include_str!("../slipsense_msgs/msg/Raw.msg");
     const PARTS: &'static [Definition] =
-        &[("slipsense_msgs/XlSample", include_str!("../slipsense_msgs/msg/XlSample.msg")), HEADER, TIME];
+        &[("slipsense_msgs/XlSample", include_str!("../slipsense_msgs/msg/XlSample.msg"))];
 }
 
 impl RosMessage for Image {
-    const PACKAGE: &'static str = "sensor_msgs";
-    const NAME: &'static str = "Image";
+    const KIND: Kind = ("sensor_msgs", "Image");
     const QOS: Qos = SENSOR_DATA;
     const DEFINITION: &'static str = IMAGE;
-    const PARTS: &'static [Definition] = &[HEADER, TIME];
 }
 
 impl RosMessage for Info {
-    const PACKAGE: &'static str = "slipsense_msgs";
-    const NAME: &'static str = "Info";
+    const KIND: Kind = ("slipsense_msgs", "Info");
     const QOS: Qos = Qos { reliable: true, latched: true, depth: 1 };
     const DEFINITION: &'static str = include_str!("../slipsense_msgs/msg/Info.msg");
-    const PARTS: &'static [Definition] = &[HEADER, TIME];
 }
 
 impl RosMessage for DiagnosticArray {
-    const PACKAGE: &'static str = "diagnostic_msgs";
-    const NAME: &'static str = "DiagnosticArray";
+    const KIND: Kind = ("diagnostic_msgs", "DiagnosticArray");
     const QOS: Qos = RELIABLE;
     const DEFINITION: &'static str = DIAGNOSTICS;
-    const PARTS: &'static [Definition] = &[STATUS, KEY_VALUE, HEADER, TIME];
+    const PARTS: &'static [Definition] =
+        &[("diagnostic_msgs/DiagnosticStatus", STATUS), ("diagnostic_msgs/KeyValue", KEY_VALUE)];
 }

@@ -17,16 +17,18 @@ use ros2_client::{
 use crate::messages::{Qos, RosMessage, Slip};
 use crate::topics::Sink;
 
+/// Somebody asked the node to stop.
+pub static STOP: AtomicBool = AtomicBool::new(false);
+
 /// How often a waiting node looks for a subscriber.
 const WAIT_POLL: Duration = Duration::from_millis(20);
 
 /// A subscriber that we know of may need as long to know of us; what is published before does not reach it.
 const SETTLE: Duration = Duration::from_millis(500);
 
-pub struct Middleware<'o> {
+pub struct Middleware {
     /// With a recording: wait so long for a subscriber of the first topic; then its frames come when they came.
     wait: Option<Duration>,
-    pub stop: &'o AtomicBool,
     pub node: Node,
     /// By topic: a `Publisher` of its type.
     publishers: HashMap<String, Box<dyn Any>>,
@@ -35,22 +37,22 @@ pub struct Middleware<'o> {
     pub messages: u64,
 }
 
-impl<'o> Middleware<'o> {
-    pub fn new(domain_id: u16, wait: Option<Duration>, stop: &'o AtomicBool) -> Result<Self> {
+impl Middleware {
+    pub fn new(domain_id: u16, wait: Option<Duration>) -> Result<Self> {
         let ros = Ros::with_options(ContextOptions::new().domain_id(domain_id));
-        let ros = ros.map_err(|error| anyhow!("cannot join DDS domain {}: {error}", domain_id))?;
+        let ros = ros.map_err(|error| anyhow!("cannot join DDS domain {domain_id}: {error}"))?;
         let name = NodeName::new("/", "slipsense").map_err(|error| anyhow!("{error:?}"))?;
         let node = ros.new_node(name, NodeOptions::new());
         let mut node = node.map_err(|error| anyhow!("cannot make a node: {error:?}"))?;
         let spinner = node.spinner().map_err(|error| anyhow!("cannot run the node: {error}"))?;
         thread::Builder::new().name("discovery".to_owned()).spawn(move || block_on(spinner.spin()))?;
-        Ok(Self { wait, stop, node, publishers: HashMap::new(), began: None, messages: 0 })
+        Ok(Self { wait, node, publishers: HashMap::new(), began: None, messages: 0 })
     }
 
     /// Make the publisher of a topic where there is none.
     fn publisher<M: RosMessage>(&mut self, topic: &str) -> Result<&Publisher<M>> {
         if !self.publishers.contains_key(topic) {
-            let (name, kind) = (name(topic)?, MessageTypeName::new(M::PACKAGE, M::NAME));
+            let (name, kind) = (name(topic)?, MessageTypeName::new(M::KIND.0, M::KIND.1));
             let dds = self.node.create_topic(&name, kind, &profile(M::QOS));
             let dds = dds.map_err(|error| anyhow!("topic {topic}: {error}"))?;
             let publisher = self.node.create_publisher::<M>(&dds, None);
@@ -63,7 +65,7 @@ impl<'o> Middleware<'o> {
 
     /// Until a recording's message is due. The first slip message waits for somebody who listens.
     fn pace<M: RosMessage>(&mut self, topic: &str, time_us: u64, wait: Duration) -> Result<()> {
-        if self.began.is_none() && M::NAME == Slip::NAME {
+        if self.began.is_none() && M::KIND == Slip::KIND {
             let until = Instant::now() + wait;
             self.publisher::<M>(topic)?;
             let is_heard = |ros: &mut Self| {
@@ -72,7 +74,7 @@ impl<'o> Middleware<'o> {
                     .and_then(|publisher| publisher.downcast_ref::<Publisher<M>>())
                     .is_some_and(|publisher| publisher.get_subscription_count(node) > 0)
             };
-            while !is_heard(self) && Instant::now() < until && !self.stop.load(Ordering::Relaxed) {
+            while !is_heard(self) && Instant::now() < until && !STOP.load(Ordering::Relaxed) {
                 thread::sleep(WAIT_POLL);
             }
             if is_heard(self) {
@@ -88,7 +90,7 @@ impl<'o> Middleware<'o> {
     }
 }
 
-impl Sink for Middleware<'_> {
+impl Sink for Middleware {
     fn put<M: RosMessage>(&mut self, topic: &str, message: M, time_us: u64) -> Result<()> {
         if let Some(wait) = self.wait {
             self.pace::<M>(topic, time_us, wait)?;

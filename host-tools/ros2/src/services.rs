@@ -13,8 +13,8 @@ use slipsense_recording::candump::LogEntry;
 use slipsense_recording::client::{Bus, Client};
 use slipsense_recording::link::{Source, now_us};
 
-use crate::messages::Qos;
-use crate::middleware::{Middleware, name, profile};
+use crate::messages::RELIABLE;
+use crate::middleware::{Middleware, STOP, name, profile};
 use crate::module::mask_register;
 use crate::topics::Topics;
 
@@ -55,12 +55,7 @@ impl Services {
     }
 
     /// Do what is due. A tare takes its time, in which the bus is published.
-    pub fn serve(
-        &mut self,
-        source: &mut Source,
-        topics: &mut Topics,
-        ros: &mut Middleware<'_>,
-    ) -> Result<()> {
+    pub fn serve(&mut self, source: &mut Source, topics: &mut Topics, ros: &mut Middleware) -> Result<()> {
         if self.looked.elapsed() < POLL {
             return Ok(());
         }
@@ -95,14 +90,14 @@ impl Services {
     }
 
     /// A service for each sensor that has come up.
-    fn offer(&mut self, topics: &Topics, ros: &mut Middleware<'_>) -> Result<()> {
+    fn offer(&mut self, topics: &Topics, ros: &mut Middleware) -> Result<()> {
         for (&node, module) in &topics.modules {
             for sensor in 0..module.slip.as_ref().map_or(0, |slip| slip.sensors) {
                 if self.tares.contains_key(&(node, sensor)) {
                     continue;
                 }
                 let service = topics.sensor_topic(node, sensor, "tare");
-                let qos = || profile(Qos { reliable: true, latched: false, depth: 10 });
+                let qos = || profile(RELIABLE);
                 let kind = ServiceTypeName::new("std_srvs", "Trigger");
                 let made = ros.node.create_server(mapping(), &name(&service)?, &kind, qos(), qos());
                 let made = made.map_err(|error| anyhow!("service {service}: {error}"))?;
@@ -129,11 +124,11 @@ impl Services {
         sensor: u8,
         source: &mut Source,
         topics: &mut Topics,
-        ros: &mut Middleware<'_>,
+        ros: &mut Middleware,
     ) -> Result<()> {
         let client = self.clients.entry(node).or_insert_with(|| Client::new(OWN, node));
         let mut others = |entry: &LogEntry| {
-            ensure!(!ros.stop.load(Ordering::Relaxed), "the node ends");
+            ensure!(!STOP.load(Ordering::Relaxed), "the node ends");
             topics.entry(entry, ros)
         };
         let mut bus = Bus { source, others: &mut others };

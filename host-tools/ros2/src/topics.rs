@@ -18,8 +18,6 @@ const DIAGNOSTICS_PERIOD_US: u64 = 1_000_000;
 
 /// Where messages go.
 pub trait Sink {
-    /// # Errors
-    /// If the message cannot be written.
     fn put<M: RosMessage>(&mut self, topic: &str, message: M, time_us: u64) -> Result<()>;
 }
 
@@ -50,9 +48,6 @@ impl Topics {
     }
 
     /// Take a frame, and publish what it completes.
-    ///
-    /// # Errors
-    /// If the sink fails.
     pub fn entry(&mut self, entry: &LogEntry, sink: &mut impl Sink) -> Result<()> {
         let LogEntry { frame, timestamp_us, .. } = entry;
         let time_us = *timestamp_us;
@@ -107,9 +102,6 @@ impl Topics {
     }
 
     /// Publish diagnostics where a second has passed.
-    ///
-    /// # Errors
-    /// If the sink fails.
     pub fn tick(&mut self, time_us: u64, sink: &mut impl Sink) -> Result<()> {
         let since = time_us.saturating_sub(*self.diagnostics_us.get_or_insert(time_us));
         if since < DIAGNOSTICS_PERIOD_US || self.modules.is_empty() {
@@ -119,5 +111,18 @@ impl Topics {
         let array = diagnostics::array(&self.modules, &self.decoder.counts(), time_us);
         self.modules.values_mut().for_each(|module| module.second = Second::default());
         sink.put(DIAGNOSTICS, array, time_us)
+    }
+}
+
+/// A name of ROS from the root: `/` and words of letters, digits and single underscores.
+pub fn namespace(text: &str) -> Result<String, String> {
+    let word = |word: &str| {
+        word.starts_with(|c: char| c.is_ascii_alphabetic())
+            && word.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+            && !word.contains("__")
+    };
+    match text.strip_prefix('/') {
+        Some(words) if words.split('/').all(word) => Ok(text.to_owned()),
+        _ => Err("must be /NAME or /NAME/NAME, of letters, digits and single underscores".to_owned()),
     }
 }

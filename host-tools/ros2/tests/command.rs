@@ -11,33 +11,35 @@ use slipsense_recording::log_file::{self, Format, Record};
 /// A frame of a message that is none of the module's.
 const NOTHING_OF_OURS: &str = "(0000000000.000000) can0 1BFFFFFF##100\n";
 
-fn slipsense_ros2(arguments: &[&str], folder: &Path) -> Output {
+fn slipsense_ros2(line: &str, domain: &str, folder: &Path) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_slipsense-ros2"));
-    command.args(arguments).current_dir(folder).env_remove("ROS_DOMAIN_ID").output().unwrap()
-}
-
-fn assert_refused(output: &Output, words: &[&str]) {
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{said}");
-    for word in words {
-        assert!(said.contains(word), "`{word}` is not in: {said}");
-    }
-}
-
-fn folder_with_a_log() -> tempfile::TempDir {
-    let dir = tempfile::tempdir().unwrap();
-    std::fs::write(dir.path().join("bus.log"), NOTHING_OF_OURS).unwrap();
-    dir
+    command.args(line.split(' ')).current_dir(folder).env("ROS_DOMAIN_ID", domain).output().unwrap()
 }
 
 #[test]
-fn a_bag_is_a_new_folder_and_has_messages() {
-    let dir = folder_with_a_log();
-    let output = slipsense_ros2(&["bag", "bus.log", "bag"], dir.path());
-    assert_refused(&output, &["bus.log", "no slip or raw message"]);
-    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
-    std::fs::create_dir(dir.path().join("bag")).unwrap();
-    assert_refused(&slipsense_ros2(&["bag", "bus.log", "bag"], dir.path()), &["bag: is there already"]);
+fn what_cannot_be_done_is_named_and_leaves_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("bus.log"), NOTHING_OF_OURS).unwrap();
+    std::fs::create_dir(dir.path().join("there")).unwrap();
+    let cases = [
+        ("bag bus.log bag", "", ["bus.log", "no slip or raw message"]),
+        ("bag bus.log there", "", ["there: ", "is there already"]),
+        ("bag bus.txt bag", "", ["bus.txt", ".mcap"]),
+        ("bag none.log bag", "", ["none.log", "cannot read"]),
+        ("node none.log", "", ["none.log", "cannot read"]),
+        ("node bus.log --domain-id 233", "", ["--domain-id", "232"]),
+        ("node bus.log", "x", ["ROS_DOMAIN_ID", "\"x\""]),
+    ];
+    let namespaces = ["slipsense", "/", "/a//b", "/a/", "/1", "/a__b", "/a-b"];
+    let namespaces = namespaces.map(|wrong| format!("bag bus.log bag --namespace {wrong}"));
+    let wrong = namespaces.iter().map(|line| (line.as_str(), "", ["--namespace", "must be /NAME"]));
+    for (line, domain, words) in cases.into_iter().chain(wrong) {
+        let output = slipsense_ros2(line, domain, dir.path());
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{line}: {said}");
+        assert!(words.iter().all(|words| said.contains(words)), "{line}: {words:?} are not in: {said}");
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 2, "{line}");
+    }
 }
 
 #[test]
@@ -49,38 +51,11 @@ fn a_recording_that_was_cut_short_is_said() {
     log_file::write(&path, Format::Mcap, |sink| sink.put(&Record::Frame(entry))).unwrap();
     let whole = std::fs::read(&path).unwrap();
     std::fs::write(&path, &whole[..whole.len() - 20]).unwrap();
-    for (out, more) in [("bag", None), ("again", Some("--json"))] {
-        let line: Vec<_> = ["bag", "bus.mcap", out].into_iter().chain(more).collect();
-        let output = slipsense_ros2(&line, dir.path());
+    for line in ["bag bus.mcap bag", "bag bus.mcap again --json"] {
+        let output = slipsense_ros2(line, "", dir.path());
         let said = String::from_utf8_lossy(&output.stdout);
         assert!(output.status.success() && said.contains("the file was cut short"), "{said}");
     }
-}
-
-#[test]
-fn what_is_no_recording_is_named() {
-    let dir = tempfile::tempdir().unwrap();
-    assert_refused(&slipsense_ros2(&["bag", "bus.txt", "bag"], dir.path()), &["bus.txt", ".mcap"]);
-    assert_refused(&slipsense_ros2(&["bag", "bus.log", "bag"], dir.path()), &["bus.log", "cannot read"]);
-    assert_refused(&slipsense_ros2(&["node", "bus.log"], dir.path()), &["bus.log", "cannot read"]);
-}
-
-#[test]
-fn a_namespace_is_a_name_of_ros() {
-    let dir = tempfile::tempdir().unwrap();
-    for wrong in ["slipsense", "/", "/a//b", "/a/", "/1", "/a__b", "/a-b"] {
-        let output = slipsense_ros2(&["bag", "bus.log", "bag", "--namespace", wrong], dir.path());
-        assert_refused(&output, &["--namespace", "must be /NAME"]);
-    }
-}
-
-#[test]
-fn a_domain_is_0_to_232() {
-    let dir = folder_with_a_log();
-    assert_refused(&slipsense_ros2(&["node", "bus.log", "--domain-id", "233"], dir.path()), &["232"]);
-    let mut command = Command::new(env!("CARGO_BIN_EXE_slipsense-ros2"));
-    let output = command.args(["node", "bus.log"]).current_dir(dir.path()).env("ROS_DOMAIN_ID", "x").output();
-    assert_refused(&output.unwrap(), &["ROS_DOMAIN_ID", "\"x\""]);
 }
 
 /// The bits are written a second time for ROS.

@@ -2,7 +2,6 @@
 
 use std::collections::VecDeque;
 use std::io::{Read, Write};
-use std::sync::LazyLock;
 
 use flate2::Compression;
 use flate2::read::ZlibDecoder;
@@ -16,10 +15,6 @@ use super::record::{self, Record};
 
 /// Frames that are packed, dropped and asked for together: a second.
 pub const CHUNK: usize = FRAME_RATE_HZ as usize;
-
-/// Pressure of each count by the nominal film, kPa.
-static PRESSURE_KPA: LazyLock<Vec<f32>> =
-    LazyLock::new(|| (0..=COUNT_MAX).map(|count| pressure_kpa(count.into()) as f32).collect());
 
 /// What does not change while a source runs.
 #[derive(Clone, Debug, Serialize)]
@@ -158,14 +153,15 @@ impl Frames {
     /// | `state` | [`State`] as JSON |
     /// | `records?from=N` | records from frame N on, to the end of its second |
     /// | `marks?from=N` | one byte per frame from N on, see [`Record::mark`] |
-    /// | `kpa` | pressure of each count, 32-bit floats |
+    /// | `kpa` | pressure of each count by the nominal film, 32-bit floats |
     ///
     /// Where the frame is not stored any more, the answer begins with the oldest that is. `None`: no such request.
     pub fn answer(&self, request: &str) -> Option<Answer> {
         let plain = |body| Some(Answer { first: None, body });
+        let kpa = |count: u16| (pressure_kpa(count.into()) as f32).to_le_bytes();
         match request {
             "state" => return plain(serde_json::to_vec(&self.state).unwrap_or_default()),
-            "kpa" => return plain(PRESSURE_KPA.iter().flat_map(|kpa| kpa.to_le_bytes()).collect()),
+            "kpa" => return plain((0..=COUNT_MAX).flat_map(kpa).collect()),
             _ => {}
         }
         let (what, from) = request.split_once("?from=")?;

@@ -28,13 +28,9 @@ const SCRIPTS: [&str; 4] = [
 
 /// The page in one piece; `module`: this crate as WebAssembly, Base64, for a page without a server.
 pub fn page(module: Option<&str>) -> String {
-    let module =
-        module.map_or(String::new(), |module| format!("<script>const MODULE = \"{module}\";</script>\n"));
-    let scripts: String = SCRIPTS.iter().map(|script| format!("<script>\n{script}</script>\n")).collect();
+    let module = module.map(|module| format!("<script>const MODULE = \"{module}\";</script>\n"));
+    let scripts = SCRIPTS.iter().map(|script| format!("<script>\n{script}</script>\n"));
+    let scripts: String = module.into_iter().chain(scripts).collect();
     let style = format!("<style>\n{STYLE}</style>");
-    PAGE.replacen("<!-- style -->", &style, 1).replacen(
-        "<!-- scripts -->\n",
-        &format!("{module}{scripts}"),
-        1,
-    )
+    PAGE.replacen("<!-- style -->", &style, 1).replacen("<!-- scripts -->\n", &scripts, 1)
 }

@@ -1,6 +1,6 @@
 //! One trial of the loop.
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use slipsense::fixed::Logit;
 use slipsense::net::Model;
 use slipsense::params::{FRAME_RATE_HZ, MAX_SENSORS};
@@ -134,9 +134,7 @@ pub fn run(trial: &Trial, model: Model<'_>, config: &LoopConfig) -> Result<(Outc
                 }
             }
             if let Some(grip_n) = controller.receive(&message, at_ns, actuator_ns) {
-                if start_s < plant.earliest_s() {
-                    anyhow::bail!("frame {flagged}: its command acts in what is past");
-                }
+                ensure!(start_s >= plant.earliest_s(), "frame {flagged}: its command acts in what is past");
                 plant.command(start_s, end_s, grip_n)?;
                 motions += 1;
                 false_motions += usize::from(detected.is_none());

@@ -4,7 +4,7 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use serde_json::json;
 use sha2::{Digest, Sha256};
 use slipsense_eval::detectors::{FLOAT, Modality, NETWORK, NETWORK_ALARM, Setup, by_name};
@@ -195,9 +195,7 @@ impl Args {
             "--drop: only {NETWORK} and {NETWORK_ALARM} run on half a sensor, and neither is a --detector"
         );
         for (i, dropped) in self.drop.iter().enumerate() {
-            if self.drop[..i].contains(dropped) {
-                bail!("--drop: {} given twice", dropped.name());
-            }
+            ensure!(!self.drop[..i].contains(dropped), "--drop: {} given twice", dropped.name());
         }
         let mut candidates: Vec<Candidate<'a>> = Vec::new();
         for (i, family) in self.detector.iter().enumerate() {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, ensure};
 use clap::ValueEnum;
 use rayon::prelude::*;
 use serde_json::{Value, json};
@@ -106,9 +106,8 @@ impl Args {
     /// All trials, written to the folder if there is one: as JSON and as text.
     pub fn close_loop(&self) -> Result<(Value, String)> {
         let count = usize::from(self.trials);
-        if let Some(show) = self.show.filter(|&show| show >= count) {
-            bail!("--show {show}: there are {count} trials, numbered from 0");
-        }
+        let show = self.show.unwrap_or(0);
+        ensure!(show < count, "--show {show}: there are {count} trials, numbered from 0");
         let source = self.model.read()?;
         let model = source.parse()?;
         let out = self.out.as_deref().map(OutputDir::prepare).transpose()?;

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use slipsense::params::FRAME_RATE_HZ;
 use slipsense_eval::source::Input;
 use slipsense_synth::Split;
@@ -40,9 +40,8 @@ pub fn inputs(named: &[String], data: Option<&Path>, frames: &[Frames]) -> Resul
     check_frames(named, frames)?;
     let inputs = named.iter().map(|name| input(name, data, frames)).collect::<Result<Vec<Input>>>()?;
     for (i, input) in inputs.iter().enumerate() {
-        if inputs[..i].iter().any(|other| other.name == input.name) {
-            bail!("two inputs are called {}; rename one", input.name);
-        }
+        let twice = inputs[..i].iter().any(|other| other.name == input.name);
+        ensure!(!twice, "two inputs are called {}; rename one", input.name);
     }
     Ok(inputs)
 }
@@ -51,12 +50,9 @@ pub fn inputs(named: &[String], data: Option<&Path>, frames: &[Frames]) -> Resul
 fn check_frames(named: &[String], frames: &[Frames]) -> Result<()> {
     for (i, Frames { split, .. }) in frames.iter().enumerate() {
         let of = split.map_or("all splits".to_owned(), |split| split.to_string());
-        if frames[..i].iter().any(|other| other.split == *split) {
-            bail!("--frames: given twice for {of}");
-        }
-        if split.is_some_and(|split| !named.iter().any(|input| input == split.name())) {
-            bail!("--frames: {of} is not among the inputs");
-        }
+        ensure!(frames[..i].iter().all(|other| other.split != *split), "--frames: given twice for {of}");
+        let is_input = split.is_none_or(|split| named.iter().any(|input| input == split.name()));
+        ensure!(is_input, "--frames: {of} is not among the inputs");
     }
     Ok(())
 }
@@ -77,9 +73,7 @@ fn refuse_frames(input: &str, frames: &[Frames]) -> Result<()> {
 
 fn input(input: &str, data: Option<&Path>, frames: &[Frames]) -> Result<Input> {
     if let Some(data) = data {
-        if !data.is_dir() {
-            bail!("--data {}: no such folder, looked for {input} in it", data.display());
-        }
+        ensure!(data.is_dir(), "--data {}: no such folder, looked for {input} in it", data.display());
         if data.join(input).is_dir() {
             refuse_frames(input, frames)?;
             return Input::folder(input, &data.join(input));

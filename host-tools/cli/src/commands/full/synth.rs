@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use clap::ArgGroup;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use rayon::prelude::*;
@@ -144,13 +144,9 @@ impl Args {
             return sets.map(|set| SetDir::check(&self.out.join(set.split.name()), set)).collect();
         }
         if let Some(split) = self.split {
-            let frames = match frames {
-                Some(frames) => frames,
-                None if split == Split::Train => {
-                    bail!("--frames: split train has no size of its own, say one")
-                }
-                None => split.frozen()?.frames,
-            };
+            let is_sized = frames.is_some() || split != Split::Train;
+            ensure!(is_sized, "--frames: split train has no size of its own, say one");
+            let frames = frames.map_or_else(|| split.frozen().map(|frozen| frozen.frames), Ok)?;
             return Ok(vec![SetDir::check(&self.out, EpisodeSet::new(split, seed, frames))?]);
         }
         let inside = Split::ALL.map(|split| self.out.join(split.name()));

@@ -14,8 +14,7 @@ use slipsense::wire::{
 };
 use slipsense_recording::candump::{CandumpError, CandumpReader, Rule};
 
-use crate::error::refused;
-use crate::pipeline::{Contact, contacts};
+use crate::pipeline::{Contact, contacts, refused};
 
 /// The decision of one frame, as sent.
 #[pyclass(module = "slipsense", frozen, get_all)]
@@ -123,10 +122,6 @@ pub struct Receiver {
 }
 
 impl Receiver {
-    fn at(node: u8) -> PyResult<Self> {
-        Ok(Self { frames: Frames::new(address(node)?), errors: 0 })
-    }
-
     fn take(&mut self, frame: &CanFrame) -> Option<Received> {
         self.frames.accept(frame).unwrap_or_else(|_| {
             self.errors += 1;
@@ -140,7 +135,7 @@ impl Receiver {
     #[new]
     #[pyo3(signature = (node=NodeId::DEFAULT.get()))]
     fn new(node: u8) -> PyResult<Self> {
-        Self::at(node)
+        Ok(Self { frames: Frames::new(address(node)?), errors: 0 })
     }
 
     /// Transfers lost so far, as far as their 5-bit identifiers tell.
@@ -212,7 +207,7 @@ impl Log {
         let name = path.display().to_string();
         let file = File::open(&path).map_err(|error| refused(format!("{name}: cannot read: {error}")))?;
         let lines = CandumpReader::new(Box::new(BufReader::new(file)) as Box<dyn BufRead + Send + Sync>);
-        Ok(Self { lines, name, receiver: Receiver::at(node)? })
+        Ok(Self { lines, name, receiver: Receiver::new(node)? })
     }
 
     #[getter]

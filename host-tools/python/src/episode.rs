@@ -9,8 +9,7 @@ use slipsense::params::{CLASSES, COUNT_MAX, MEL_BINS, TAXEL_COLS, TAXEL_ROWS, XL
 use slipsense_recording::{Episode as Recording, Predictions};
 use slipsense_synth::pressure_kpa;
 
-use crate::error::refused;
-use crate::pipeline::Running;
+use crate::pipeline::{Running, refused};
 
 /// A stretch of sensor data.
 #[pyclass(module = "slipsense", frozen)]

@@ -1,6 +1,9 @@
 //! One frame in, one decision out.
 
+use std::fmt::Display;
+
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use self_cell::self_cell;
 use slipsense::fixed::Q;
@@ -11,7 +14,10 @@ use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
 use slipsense::wire::{Origin, SlipMessage};
 use slipsense_recording::logmel_std;
 
-use crate::error::refused;
+/// A rule that the caller broke, as Python's error.
+pub(crate) fn refused(error: impl Display) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
 
 /// The network that the firmware carries.
 static BUNDLED: &Aligned<[u8]> = &Aligned(*include_bytes!("../../../model/weights/slipsense.slipnet"));

@@ -34,12 +34,12 @@ pub fn parse(line: &[u8]) -> Option<Result<CanFrame, Foreign>> {
 /// more are another line whose beginning was lost.
 fn frame(line: &[u8]) -> Option<CanFrame> {
     let rest = std::str::from_utf8(line).ok()?.strip_prefix(['B', 'D'])?;
+    // A sign is a number's, too.
+    rest.bytes().all(|digit| digit.is_ascii_hexdigit()).then_some(())?;
     let id = u32::from_str_radix(rest.get(..8)?, 16).ok()?;
     let dlc = usize::from_str_radix(rest.get(8..9)?, 16).ok()?;
     let (digits, clock) = rest.get(9..)?.split_at_checked(2 * usize::from(*FD_LENGTHS.get(dlc)?))?;
-    if clock.len() > 8 || !clock.bytes().all(|digit| digit.is_ascii_hexdigit()) {
-        return None;
-    }
+    (clock.len() <= 8).then_some(())?;
     let bytes = (0..digits.len() / 2).map(|i| u8::from_str_radix(digits.get(2 * i..2 * i + 2)?, 16).ok());
     CanFrame::new(id, &bytes.collect::<Option<Vec<u8>>>()?).ok()
 }
@@ -68,6 +68,7 @@ mod tests {
             ("T0478382A80011223344556677", Foreign::Classic),
             ("b7FF0", Foreign::Standard),
             ("B", Foreign::Unreadable),
+            ("B+478382A0", Foreign::Unreadable),
             ("B0478382A9001122", Foreign::Unreadable),
             ("B2478382A0", Foreign::Unreadable),
             ("Bü478382A0é", Foreign::Unreadable),

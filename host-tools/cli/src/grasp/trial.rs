@@ -16,11 +16,10 @@ pub const ACTUATOR_MS: (f64, f64) = (20.0, 40.0);
 /// Share of it in which nothing moves yet.
 const DEAD_SHARE: f64 = 0.25;
 
-/// Time from a tick until its slip message is handed to the bus, microseconds: the worst on the emulated
-/// Cortex-M7 at 480 instructions per microsecond (`cargo xtask test all --only qemu-real-time`). Two sensors
-/// were not measured there: the mean of one and three.
+/// Time from a tick until its slip message is in the CAN controller's queue, microseconds: the worst on the emulated
+/// STM32H743, one instruction per cycle at 480 MHz (`docs/src/figures.md`, Real time and faults).
 pub const fn inference_us(sensors: usize) -> u64 {
-    const WORST_US: [u64; MAX_SENSORS] = [950, 1_786, 2_621];
+    const WORST_US: [u64; MAX_SENSORS] = [961, 1_791, 2_574];
     WORST_US[if sensors > MAX_SENSORS { MAX_SENSORS - 1 } else { sensors.saturating_sub(1) }]
 }
 

@@ -1,5 +1,4 @@
-//! The kernels in plain Rust, the reference for assembly. Written over [`Lanes`], four sums side by side, so that the
-//! same loops also run in vector registers (`super::x86`).
+//! The kernels in plain Rust, the reference for assembly and vector registers. Four sums lie side by side.
 
 use super::layout::{LANES, LayerParams, Map, MapMut, MapShape, halves, pair};
 use crate::fixed::{relu_i16, scale_q32};
@@ -35,60 +34,29 @@ pub fn weighted_sums(weights: &[i32], rows: &[u32], stride: usize) -> [i32; 8] {
     sums
 }
 
-/// Four sums of products, wrapping: an array, or a vector register where there is one.
-pub trait Lanes: Copy {
-    /// Sums to start from.
-    fn new(sums: [i32; LANES]) -> Self;
-
-    /// Add the products of one word with each of four.
-    fn mla(self, x: u32, w: &[u32; LANES]) -> Self;
-
-    /// Sum and difference of two.
-    fn butterfly(self, other: Self) -> [Self; 2];
-
-    /// The sums.
-    fn sums(self) -> [i32; LANES];
+/// Add the products of one word with each of four, wrapping.
+#[inline]
+fn mla(sums: [i32; LANES], x: u32, w: &[u32; LANES]) -> [i32; LANES] {
+    core::array::from_fn(|lane| mla_pair(sums[lane], x, w[lane]))
 }
 
-impl Lanes for [i32; LANES] {
-    #[inline]
-    fn new(sums: [i32; LANES]) -> Self {
-        sums
-    }
-
-    #[inline]
-    fn mla(self, x: u32, w: &[u32; LANES]) -> Self {
-        core::array::from_fn(|lane| mla_pair(self[lane], x, w[lane]))
-    }
-
-    #[inline]
-    fn butterfly(self, other: Self) -> [Self; 2] {
-        [
-            core::array::from_fn(|lane| self[lane].wrapping_add(other[lane])),
-            core::array::from_fn(|lane| self[lane].wrapping_sub(other[lane])),
-        ]
-    }
-
-    #[inline]
-    fn sums(self) -> [i32; LANES] {
-        self
-    }
+/// Sum and difference of two, wrapping.
+#[inline]
+fn butterfly(a: [i32; LANES], b: [i32; LANES]) -> [[i32; LANES]; 2] {
+    [
+        core::array::from_fn(|lane| a[lane].wrapping_add(b[lane])),
+        core::array::from_fn(|lane| a[lane].wrapping_sub(b[lane])),
+    ]
 }
 
 /// `out = (bias + Σ x·w) · multiplier`, scaled by [`scale_q32`], for as many outputs as layer and `out` have blocks of
 /// four.
 #[inline]
 pub fn dense(x: &[u32], layer: LayerParams<'_>, out: &mut [i32]) {
-    dense_in::<[i32; LANES]>(x, layer, out);
-}
-
-/// [`dense`] in any lanes.
-#[inline]
-pub(super) fn dense_in<L: Lanes>(x: &[u32], layer: LayerParams<'_>, out: &mut [i32]) {
     let blocks = layer.weights.as_chunks::<LANES>().0.chunks_exact(x.len().max(1)).zip(layer.scales());
     for (out, (weights, (bias, multiplier))) in out.as_chunks_mut::<LANES>().0.iter_mut().zip(blocks) {
         let words = x.iter().zip(weights);
-        let sums = words.fold(L::new(*bias), |lanes, (&x, w)| lanes.mla(x, w)).sums();
+        let sums = words.fold(*bias, |sums, (&x, w)| mla(sums, x, w));
         *out = core::array::from_fn(|lane| scale_q32(sums[lane], multiplier[lane]));
     }
 }
@@ -112,17 +80,6 @@ pub(super) fn dense_in<L: Lanes>(x: &[u32], layer: LayerParams<'_>, out: &mut [i
 /// The pool runs on the sums: what follows is monotonic, so pooling first gives the same bits with a quarter of
 /// the requantizations. The layer has as many outputs as `out` has channels.
 pub fn conv_relu_pool(layer: LayerParams<'_>, x: Map<'_>, out: MapMut<'_>, strip: &mut [u32]) {
-    conv_relu_pool_in::<[i32; LANES]>(layer, x, out, strip);
-}
-
-/// [`conv_relu_pool`] in any lanes.
-#[inline]
-pub(super) fn conv_relu_pool_in<L: Lanes>(
-    layer: LayerParams<'_>,
-    x: Map<'_>,
-    out: MapMut<'_>,
-    strip: &mut [u32],
-) {
     let (from, to) = (x.shape, out.shape);
     let planes = 4 * from.pairs;
     for row in 0..to.side {
@@ -131,7 +88,7 @@ pub(super) fn conv_relu_pool_in<L: Lanes>(
         let filters = layer.weights.as_chunks::<{ 3 * LANES }>().0.chunks_exact(planes.max(1));
         for ((block, filters), (bias, multiplier)) in (0..to.pairs / 2).zip(filters).zip(layer.scales()) {
             for col in 0..to.side {
-                let best = tile::<L>(strip.get(2 * col..).unwrap_or_default(), from, filters);
+                let best = tile(strip.get(2 * col..).unwrap_or_default(), from, filters);
                 let cell: [i16; LANES] = core::array::from_fn(|lane| {
                     let scaled = scale_q32(bias[lane].wrapping_add(best[lane]), multiplier[lane]);
                     relu_i16(scaled).min(to.largest())
@@ -185,25 +142,25 @@ fn combine(to: &mut [u32], a: &[u32], b: &[u32], f: impl Fn(i16, i16) -> i16) {
 
 /// The largest of four neighbouring outputs, for four filters; `strip` begins at the left column of their window.
 #[inline]
-fn tile<L: Lanes>(strip: &[u32], from: MapShape, filters: &[[u32; 3 * LANES]]) -> [i32; LANES] {
+fn tile(strip: &[u32], from: MapShape, filters: &[[u32; 3 * LANES]]) -> [i32; LANES] {
     // First the sum for the left and right output, and one for each difference.
-    let mut sums = [[L::new([0; LANES]); 2]; 2];
+    let mut sums = [[[0; LANES]; 2]; 2];
     let (inner, outer) = filters.split_at(filters.len() / 2);
     let mut planes = strip.chunks(from.plane().max(1));
     accumulate(&mut sums, planes.by_ref(), inner);
     // From here on of the upper and of the lower outputs.
     let [[sum0, sum1], [difference0, difference1]] = sums;
-    let ([upper0, lower0], [upper1, lower1]) = (sum0.butterfly(difference0), sum1.butterfly(difference1));
+    let ([upper0, lower0], [upper1, lower1]) = (butterfly(sum0, difference0), butterfly(sum1, difference1));
     let mut sums = [[upper0, upper1], [lower0, lower1]];
     accumulate(&mut sums, planes.by_ref(), outer);
-    let [a, b, c, d] = [sums[0][0], sums[0][1], sums[1][0], sums[1][1]].map(L::sums);
+    let [[a, b], [c, d]] = sums;
     core::array::from_fn(|lane| a[lane].max(b[lane]).max(c[lane]).max(d[lane]))
 }
 
 /// Add the products of planes by turns to the one pair of sums and to the other.
 #[inline(always)]
-fn accumulate<'a, L: Lanes>(
-    sums: &mut [[L; 2]; 2],
+fn accumulate<'a>(
+    sums: &mut [[[i32; LANES]; 2]; 2],
     planes: &mut impl Iterator<Item = &'a [u32]>,
     filters: &[[u32; 3 * LANES]],
 ) {
@@ -211,8 +168,8 @@ fn accumulate<'a, L: Lanes>(
         for ([left, right], taps) in sums.iter_mut().zip(taps) {
             let Some(&[x0, x1, x2, x3]) = planes.next().and_then(<[u32]>::first_chunk) else { return };
             for ([a, b], w) in [[x0, x1], [x1, x2], [x2, x3]].into_iter().zip(taps.as_chunks::<LANES>().0) {
-                *left = left.mla(a, w);
-                *right = right.mla(b, w);
+                *left = mla(*left, a, w);
+                *right = mla(*right, b, w);
             }
         }
     }

@@ -16,29 +16,6 @@ const ROWS: usize = 60;
 
 pub const ROUNDS: u32 = 400;
 
-/// Each is called as the one of its name in [`portable`].
-#[derive(Clone, Copy, Debug)]
-pub struct Kernels {
-    pub conv_relu_pool: fn(LayerParams<'_>, Map<'_>, MapMut<'_>, &mut [u32]),
-    pub dense: fn(&[u32], LayerParams<'_>, &mut [i32]),
-    pub dots: fn(&[u32], &[u32], usize, &mut [i32]),
-    pub weighted_sums: fn(&[i32], &[u32], usize) -> [i32; 8],
-}
-
-impl Kernels {
-    /// What the network runs here.
-    pub const HERE: Self = Self {
-        conv_relu_pool: simd::conv_relu_pool,
-        dense: simd::dense,
-        dots: simd::dots,
-        weighted_sums: simd::weighted_sums,
-    };
-    /// What it runs on a computer without AVX2.
-    #[cfg(all(target_arch = "x86_64", target_feature = "sse2"))]
-    pub const SSE2: Self =
-        Self { conv_relu_pool: simd::x86::sse2::conv_relu_pool, dense: simd::x86::sse2::dense, ..Self::HERE };
-}
-
 /// What a kernel was asked, and how often it answered otherwise than the portable one.
 #[derive(Debug)]
 pub struct Compared {
@@ -79,9 +56,9 @@ const ROW_WORDS: [usize; 11] = [0, 1, 3, 4, 8, 20, 40, 128, 252, 256, 260];
 const DOTS: [(usize, usize); 6] = [(1, 16), (3, 16), (4, 16), (8, 16), (4, 9), (16, 16)];
 const STRIDES: [usize; 4] = [5, 16, 32, 64];
 
-/// Compare each of `kernels` and every shape so often.
-pub fn compare(kernels: Kernels, rounds: u32, scratch: &mut Scratch, mut report: impl FnMut(Compared)) {
-    let mut calls = Calls { kernels, scratch, dice: Dice(1), round: 0 };
+/// Compare each kernel and every shape so often.
+pub fn compare(rounds: u32, scratch: &mut Scratch, mut report: impl FnMut(Compared)) {
+    let mut calls = Calls { scratch, dice: Dice(1), round: 0 };
     report(calls.count("conv_relu_pool", rounds, &MAPS, Calls::conv_is_equal));
     report(calls.count("dense", rounds, &ROW_WORDS, Calls::dense_is_equal));
     report(calls.count("dots", rounds, &DOTS, Calls::dots_are_equal));
@@ -90,7 +67,6 @@ pub fn compare(kernels: Kernels, rounds: u32, scratch: &mut Scratch, mut report:
 
 /// What every call needs.
 struct Calls<'s> {
-    kernels: Kernels,
     scratch: &'s mut Scratch,
     dice: Dice,
     round: u32,
@@ -114,7 +90,7 @@ impl Calls<'_> {
     }
 
     fn conv_is_equal(&mut self, (side, pairs): (usize, usize)) -> bool {
-        let Self { kernels, scratch, dice, round } = self;
+        let Self { scratch, dice, round } = self;
         let outputs = [4, 8, 32][dice.below(if side == 32 { 2 } else { 3 })];
         let from = MapShape { side, pairs, border: 1 };
         // As the network's: what comes out of the smallest goes to a dense layer. Assembly leaves others to the
@@ -131,13 +107,13 @@ impl Calls<'_> {
         let weights = &weights[..outputs / LANES * 12 * pairs * LANES];
         let layer = LayerParams { weights, bias: &bias[..outputs], multiplier: &multiplier[..outputs] };
         let x = Map { words: &x[..from.len()], shape: from };
-        (kernels.conv_relu_pool)(layer, x, MapMut { words: &mut out[..to.len()], shape: to }, strip);
+        simd::conv_relu_pool(layer, x, MapMut { words: &mut out[..to.len()], shape: to }, strip);
         portable::conv_relu_pool(layer, x, MapMut { words: &mut expected[..to.len()], shape: to }, strip);
         out == expected
     }
 
     fn dense_is_equal(&mut self, words: usize) -> bool {
-        let Self { kernels, scratch: Scratch { x, weights, bias, multiplier, .. }, dice, round } = self;
+        let Self { scratch: Scratch { x, weights, bias, multiplier, .. }, dice, round } = self;
         dice.fill(*round, &mut x[..words]);
         let outputs = LANES * (1 + dice.below(2)) + dice.below(LANES);
         dice.fill(*round / 2, weights);
@@ -146,33 +122,33 @@ impl Calls<'_> {
         let layer = LayerParams { weights, bias, multiplier };
         let mut found = [0; 3 * LANES];
         let mut expected = found;
-        (kernels.dense)(&x[..words], layer, &mut found[..outputs]);
+        simd::dense(&x[..words], layer, &mut found[..outputs]);
         portable::dense(&x[..words], layer, &mut expected[..outputs]);
         found == expected
     }
 
     fn dots_are_equal(&mut self, (words, stride): (usize, usize)) -> bool {
-        let Self { kernels, scratch: Scratch { x, weights, .. }, dice, round } = self;
+        let Self { scratch: Scratch { x, weights, .. }, dice, round } = self;
         let rows = dice.below(ROWS + 1);
         let (x, weights) = (&mut x[..ROWS * stride], &mut weights[..words]);
         dice.fill(*round, x);
         dice.fill(*round / 2, weights);
         let mut found = [0; ROWS];
         let mut expected = [0; ROWS];
-        (kernels.dots)(weights, x, stride, &mut found[..rows]);
+        simd::dots(weights, x, stride, &mut found[..rows]);
         portable::dots(weights, x, stride, &mut expected[..rows]);
         found == expected
     }
 
     fn sums_are_equal(&mut self, stride: usize) -> bool {
-        let Self { kernels, scratch: Scratch { x, weights, .. }, dice, round } = self;
+        let Self { scratch: Scratch { x, weights, .. }, dice, round } = self;
         let rows = dice.below(MAP / stride).min(ROWS);
         dice.fill(*round, x);
         dice.fill(*round / 2, weights);
         let mut factors = [0; ROWS];
         factors.iter_mut().zip(weights.iter()).for_each(|(factor, &word)| *factor = word as i32);
         let factors = &factors[..rows];
-        (kernels.weighted_sums)(factors, x, stride) == portable::weighted_sums(factors, x, stride)
+        simd::weighted_sums(factors, x, stride) == portable::weighted_sums(factors, x, stride)
     }
 }
 

@@ -7,19 +7,16 @@
 //!           every bit     how many     clock cycles
 //! ```
 //!
-//! No allocation, no floating point: emulated peripheral, scheduler tests and bus planner use the same arithmetic.
-//! [`controller`] has a bus of its own: on the emulated core, to walk all bits of a frame would take longer than the
-//! tasks that it times, so there a frame of a length always takes that length's worst case. Times are whole cycles of
-//! the CAN kernel clock, so nothing is rounded until someone asks for nanoseconds.
+//! Emulated peripheral, scheduler tests and bus planner use the same arithmetic. [`controller`] has a bus of its own, on
+//! which a frame of a length always takes that length's worst case. Times are whole cycles of the CAN kernel clock, so
+//! nothing is rounded until someone asks for nanoseconds.
 //!
 //! The rules are ISO 11898-1:2015's, cited by the names of its fields and written from memory of the standard and
 //! of Bosch's CAN FD specification 1.0; an encoder in Python that shares no code with this one and gives the published
 //! check values of the three CRCs is the oracle of every bit (`tests/python/check_can_bits.py`).
-#![cfg_attr(not(feature = "busload"), no_std)]
 #![forbid(unsafe_code)]
 
 mod bus;
-#[cfg(feature = "busload")]
 pub mod busload;
 mod confinement;
 pub mod controller;

@@ -239,7 +239,8 @@ pub type XlSample = [i16; 3];
 pub struct SensorInput<'a> {
     /// The array scan that the frame tick closed.
     pub piezo: Option<&'a PiezoFrame>,
-    /// The samples that arrived since the previous tick, oldest first. May be empty.
+    /// The samples that arrived since the previous tick, oldest first. May be empty. A board reads them shortly before
+    /// the tick: with three sensors the newest is up to 1.0 ms older than it, of an ADXL382 2.0 ms.
     pub xl: Option<&'a [XlSample]>,
     /// Index of the sample after the last of `xl`, counted since start, wraps. If it is ahead of the index before by
     /// more samples than `xl` holds, samples are missing in between.

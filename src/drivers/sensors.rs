@@ -22,8 +22,8 @@ pub struct Sensors<'l, M: RawMutex, T, A> {
     work: Option<(Job, &'l mut Bench)>,
     /// Where FIFOs are read to, one after the other.
     fifo: FifoSamples,
-    /// Of each accelerometer, for the next frame: did it answer, and its samples.
-    batches: [(bool, XlBatch); MAX_SENSORS],
+    /// Did the accelerometers answer for the next frame?
+    arrived: [bool; MAX_SENSORS],
     now_us: u64,
     lost_scans: u32,
 }
@@ -34,6 +34,8 @@ pub struct Sensors<'l, M: RawMutex, T, A> {
 pub struct Sensor<'l, A> {
     pub array: Array<'l>,
     pub xl: XlMonitor<A>,
+    /// The samples of its next frame.
+    pub batch: &'l mut XlBatch,
 }
 
 impl<'l, M: RawMutex, T: TaxelScan, A: Accelerometer> Sensors<'l, M, T, A> {
@@ -50,7 +52,7 @@ impl<'l, M: RawMutex, T: TaxelScan, A: Accelerometer> Sensors<'l, M, T, A> {
             sensors,
             work: None,
             fifo: FifoSamples::new(),
-            batches: [const { (false, XlBatch::new()) }; MAX_SENSORS],
+            arrived: [false; MAX_SENSORS],
             now_us: 0,
             lost_scans: 0,
         }
@@ -59,7 +61,7 @@ impl<'l, M: RawMutex, T: TaxelScan, A: Accelerometer> Sensors<'l, M, T, A> {
     /// What went wrong so far.
     pub fn report(&self) -> SensorReport {
         let mut report = SensorReport { lost_scans: self.lost_scans, ..SensorReport::default() };
-        for (i, Sensor { array, xl }) in self.sensors.iter().enumerate().take(MAX_SENSORS) {
+        for (i, Sensor { array, xl, .. }) in self.sensors.iter().enumerate().take(MAX_SENSORS) {
             report.xl[i] = xl.counters();
             report.xl_lost[i] = xl.count().lost();
             report.xl_rate_mhz[i] = xl.count().rate_mhz();
@@ -113,7 +115,7 @@ impl<M: RawMutex, T: TaxelScan, A: Accelerometer> FrameSource for Sensors<'_, M,
         let lead_us = A::PART.read_us * self.sensors.len() as u64;
         self.scan.wait_before(lead_us).await;
         let read_us = self.now_us + FRAME_PERIOD_US.saturating_sub(lead_us);
-        for (Sensor { xl, .. }, (arrived, batch)) in self.sensors.iter_mut().zip(&mut self.batches) {
+        for (Sensor { xl, batch, .. }, arrived) in self.sensors.iter_mut().zip(&mut self.arrived) {
             *arrived = xl.tick(read_us, &mut self.fifo, batch).await;
         }
         let stamp = self.scan.tick().await;
@@ -122,11 +124,10 @@ impl<M: RawMutex, T: TaxelScan, A: Accelerometer> FrameSource for Sensors<'_, M,
     }
 
     async fn read(&mut self, parts: &mut [SensorReadings; MAX_SENSORS]) {
-        for ((sensor, (arrived, batch)), part) in self.sensors.iter().zip(&self.batches).zip(parts.iter_mut())
-        {
-            (part.xl_arrived, part.xl_end) = (*arrived, sensor.xl.xl_end());
+        for ((sensor, &arrived), part) in self.sensors.iter().zip(&self.arrived).zip(parts.iter_mut()) {
+            (part.xl_arrived, part.xl_end) = (arrived, sensor.xl.xl_end());
             part.xl.clear();
-            _ = part.xl.extend_from_slice(batch);
+            _ = part.xl.extend_from_slice(sensor.batch);
             part.piezo_arrived = false;
         }
         let arrays = self.sensors.len();

@@ -53,7 +53,8 @@ pub fn adxl380(part: &Rc<RefCell<Part>>) -> Adxl380<'static, Wire> {
 
 /// A fingertip that is not calibrated, with this accelerometer.
 pub fn sensor(part: &Rc<RefCell<Part>>) -> Sensor<'static, Adxl380<'static, Wire>> {
-    Sensor { array: Array::new(Box::leak(nominal())), xl: XlMonitor::new(adxl380(part)) }
+    let (array, xl) = (Array::new(Box::leak(nominal())), XlMonitor::new(adxl380(part)));
+    Sensor { array, xl, batch: Box::leak(Box::default()) }
 }
 
 pub fn nominal() -> Box<Calibration> {

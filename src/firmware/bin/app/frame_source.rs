@@ -4,7 +4,7 @@ use defmt::{info, unwrap, warn};
 use embassy_futures::block_on;
 use slipsense::calibration::{Calibration, Summary};
 use slipsense::drivers::array::Array;
-use slipsense::drivers::{Bench, Commissioning, Sensor, SensorLink, Sensors, XlMonitor};
+use slipsense::drivers::{Bench, Commissioning, Sensor, SensorLink, Sensors, XlBatch, XlMonitor};
 use slipsense::firmware::shared::Mutex;
 use slipsense::params::MAX_SENSORS;
 use static_cell::{ConstStaticCell, StaticCell};
@@ -26,6 +26,9 @@ static SOURCE: StaticCell<BoardSensors> = StaticCell::new();
 static CALIBRATIONS: ConstStaticCell<[Calibration; MAX_SENSORS]> =
     ConstStaticCell::new([const { Calibration::zeroed() }; MAX_SENSORS]);
 #[unsafe(link_section = ".axisram")]
+static BATCHES: ConstStaticCell<[XlBatch; MAX_SENSORS]> =
+    ConstStaticCell::new([const { XlBatch::new() }; MAX_SENSORS]);
+#[unsafe(link_section = ".axisram")]
 static BENCH: ConstStaticCell<Bench> = ConstStaticCell::new(Bench::new());
 
 /// Start the scan and the accelerometers of `sensors` sensors, with their arrays' calibrations out of the store; `order`
@@ -44,14 +47,15 @@ pub fn start(
     scan.arrays = order.map(|connector| unwrap!(arrays[connector].take()));
     let mut summaries = [Summary::default(); MAX_SENSORS];
     let connectors: heapless::Vec<usize, MAX_SENSORS> = order.into_iter().take(sensors).collect();
-    let arrays_of = connectors.iter().zip(CALIBRATIONS.take()).zip(&mut summaries);
-    let used = arrays_of.map(|((&connector, calibration), summary)| {
+    let arrays_of = connectors.iter().zip(CALIBRATIONS.take()).zip(&mut summaries).zip(BATCHES.take());
+    let used = arrays_of.map(|(((&connector, calibration), summary), batch)| {
         if !block_on(store.load_calibration(connector, calibration)) {
             warn!("connector {=usize}: the stored calibration is damaged", connector);
         }
         *summary = calibration.summary();
         info!("connector {=usize}: calibration {=u32} {=u32:08x}", connector, summary.version, summary.id);
-        Sensor { array: Array::new(calibration), xl: XlMonitor::new(unwrap!(parts[connector].take())) }
+        let xl = XlMonitor::new(unwrap!(parts[connector].take()));
+        Sensor { array: Array::new(calibration), xl, batch }
     });
     let used = used.collect();
     // A part that is fitted and not used stays deselected: a pin that is let go floats, and the part would talk.

@@ -5,8 +5,8 @@ use slipsense_qemu::equality::{ROUNDS, Scratch, compare};
 
 #[test]
 fn kernels_of_this_computer_equal_the_portable_ones() {
-    let mut count = 0;
-    compare(ROUNDS, &mut Scratch::ZEROED, |compared| {
+    let (mut count, mut scratch) = (0, Scratch::ZEROED);
+    compare(ROUNDS, &mut scratch, |compared| {
         println!("{compared:?}");
         assert_eq!(compared.differing, 0, "{}", compared.kernel);
         assert!(compared.calls >= ROUNDS);

@@ -14,7 +14,7 @@ pub use attention::{dots, weighted_sums};
 // SSE2 is enabled for the whole target, or this module is not compiled. AVX2 is asked for once.
 cpufeatures::new!(has_avx2, "avx2");
 
-/// See [`portable::dense`](portable::dense).
+/// See [`portable::dense`].
 #[inline]
 pub fn dense(x: &[u32], layer: LayerParams<'_>, out: &mut [i32]) {
     if has_avx2::get() {
@@ -25,7 +25,7 @@ pub fn dense(x: &[u32], layer: LayerParams<'_>, out: &mut [i32]) {
     }
 }
 
-/// See [`portable::conv_relu_pool`](portable::conv_relu_pool).
+/// See [`portable::conv_relu_pool`].
 pub fn conv_relu_pool(layer: LayerParams<'_>, x: Map<'_>, out: MapMut<'_>, strip: &mut [u32]) {
     if has_avx2::get() && avx2::takes(x.shape, out.shape) {
         // SAFETY: this computer has AVX2.

@@ -26,6 +26,8 @@ const LONG_SECONDS: u32 = 20;
 const REAL_PULL: &str = "../shared/real/slip_up.npz";
 /// Virtual seconds with three sensors in the test command.
 const REAL_TIME_S: u32 = 6;
+/// Once more while the pads are pressed: a full bus, then destroyed frames.
+const BUSY_BUS: [&str; 4] = ["--fault", "flood:2.5-4", "--fault", "errors10:4.2-5.7"];
 const LOOPBACK_PASSED: &str = "loop back passed";
 
 /// Run the firmware's ELF on an emulated STM32H743, in virtual time
@@ -105,7 +107,7 @@ fn long() -> Result<bool> {
 }
 
 /// embassy's driver in loop back; without sensors; the demo episode, with either accelerometer; three sensors in real
-/// time; and that the scan computed where somebody looks is the scan event by event.
+/// time, on a free and on a busy bus; and that the scan computed where somebody looks is the scan event by event.
 pub fn step(slipsense: &Path) -> Result<()> {
     let mut loopback = twin_with(&Program::CAN_LOOPBACK.build()?)?;
     start(loopback.args(["--seconds", "0.2", "--says", LOOPBACK_PASSED]))?;
@@ -115,7 +117,10 @@ pub fn step(slipsense: &Path) -> Result<()> {
         start(twin(xl)?.arg(&episode).args(["--xl", xl, "--seconds", "1"]))?;
     }
     let three = synthetic_pull(slipsense, "tesollo", 3, REAL_TIME_S)?;
-    start(twin(DEFAULT_XL)?.arg(three).args(["--sensors", "3", "--seconds", &REAL_TIME_S.to_string()]))?;
+    for faults in [&[][..], &BUSY_BUS] {
+        let mut run = twin(DEFAULT_XL)?;
+        start(run.arg(&three).args(["--sensors", "3", "--seconds", &REAL_TIME_S.to_string()]).args(faults))?;
+    }
     let traced = |name: &str, slow: Option<&str>| {
         let path = target_dir().join(name);
         let mut run = twin(DEFAULT_XL)?;

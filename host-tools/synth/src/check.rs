@@ -48,7 +48,7 @@ pub(crate) fn above_10_hz(samples: impl Iterator<Item = [f64; 3]>) -> Vec<[f64; 
     filtered.collect()
 }
 
-/// Squared size of the Fourier sum of all axes at a frequency of so many turns per sample.
+/// Squared size of the Fourier sum of all axes at a frequency, turns per sample.
 pub(crate) fn power_at(samples: &[[f64; 3]], turns: f64) -> f64 {
     let (sin_step, cos_step) = libm::sincos(std::f64::consts::TAU * turns);
     let (mut c, mut s) = (1.0, 0.0);

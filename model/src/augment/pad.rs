@@ -44,7 +44,7 @@ impl PadChange {
         Self::new(angle_rad, flip, roll, gain, noise)
     }
 
-    /// Rotate about the pad's middle, flip rows, columns, then roll by so many rows, columns. `noise`: counts.
+    /// Rotate about the pad's middle, flip rows, columns, then roll by rows and columns. `noise`: counts.
     pub fn new(angle_rad: f32, flip: [bool; 2], roll: [i32; 2], gain: f32, noise: f32) -> Self {
         let from = |at: usize, size: usize, roll: i32, flip: bool| {
             let rolled = (at as i32 - roll).rem_euclid(size as i32) as usize;

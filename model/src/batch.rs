@@ -21,6 +21,8 @@ const GROUPS: usize = CLASSES + 2;
 const SHARES: [u32; GROUPS] = [1, 5, 2, 4, 4];
 /// Frames that count as the first of a slip: those that decide how fast it is noticed.
 const ONSET_FRAMES: usize = 30;
+/// How often each is drawn where frames are to be as they come: the classes' shares in the paper, %.
+const SHARES_AS_RECORDED: [u32; GROUPS] = [58, 19, 23, 0, 0];
 
 /// What a frame without contact counts in the loss: the pads decide it by themselves.
 const NO_CONTACT_WEIGHT: f32 = 0.2;
@@ -42,11 +44,18 @@ pub struct Options {
     pub xl_augmentation: bool,
     /// See [`Sequences::extreme_weight`].
     pub extreme_weight: Option<f32>,
+    /// Whether frames are drawn as they come and weigh the same.
+    pub as_recorded: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { pads: PadView::default(), xl_augmentation: true, extreme_weight: Some(2.0) }
+        Self {
+            pads: PadView::default(),
+            xl_augmentation: true,
+            extreme_weight: Some(2.0),
+            as_recorded: false,
+        }
     }
 }
 
@@ -132,7 +141,12 @@ impl<'e> Sampler<'e> {
             .zip(batch.weight.par_chunks_exact_mut(self.frames))
             .for_each(|(((((seed, piezo), xl), label), target), weight)| {
                 let start = self.sequence(seed, piezo, xl, (label, target));
-                weigh(label, start, weight);
+                if self.options.as_recorded {
+                    let cold = if start > 0 { COLD_FRAMES.min(self.frames) } else { 0 };
+                    weight[cold..].fill(1.0);
+                } else {
+                    weigh(label, start, weight);
+                }
                 if start > 0 {
                     target[..COLD_FRAMES.min(self.frames)].fill(Target::Either);
                 }
@@ -149,7 +163,8 @@ impl<'e> Sampler<'e> {
         (label, target): (&mut [u8], &mut [Target]),
     ) -> usize {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let there = || self.groups.iter().zip(SHARES).filter(|(frames, _)| !frames.is_empty());
+        let shares = if self.options.as_recorded { SHARES_AS_RECORDED } else { SHARES };
+        let there = || self.groups.iter().zip(shares).filter(|(frames, _)| !frames.is_empty());
         let dice = rng.random_range(0..there().map(|(_, share)| share).sum::<u32>());
         let mut shares = there().flat_map(|(frames, share)| std::iter::repeat_n(frames, share as usize));
         let frames = shares.nth(dice as usize).expect("there are as many shares");

@@ -186,6 +186,14 @@ pub fn score_logits(features: &Features, outputs: &[[f32; OUTPUTS]]) -> Scores {
     Scores::new(&features.label, &classes(features, outputs))
 }
 
+/// An episode's outputs where the network alone says what contact is: the largest of the three classes' logits.
+pub(crate) fn score_alone(features: &Features, outputs: &[[f32; OUTPUTS]]) -> Scores {
+    let class = |&[no_contact, no_slip, slip, _]: &[f32; OUTPUTS]| {
+        decide(no_contact < no_slip.max(slip), &[0.0, no_slip, slip, 0.0])
+    };
+    Scores::new(&features.label, &outputs.iter().map(class).collect::<Vec<_>>())
+}
+
 /// The pipeline's class of every frame by the network's outputs, all pads being there.
 pub(crate) fn classes(features: &Features, outputs: &[[f32; OUTPUTS]]) -> Vec<u8> {
     features.contacts().zip(outputs).map(|(touched, outputs)| decide(touched, outputs)).collect()

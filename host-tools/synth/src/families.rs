@@ -73,12 +73,12 @@ family! {
 }
 
 family! {
-    /// How film and circuit answer to pressure.
+    /// How the film answers to pressure; behind each stands the simulated front end.
     FilmFamily {
-        /// Play hysteresis and creep by decades; a divider behind it, with crosstalk.
-        Divider,
-        /// The same film behind the simulated front end, after calibration.
-        Circuit,
+        /// Play hysteresis and creep by decades, a power law.
+        Plays,
+        /// One power law while the load rises, a flatter one from its peak on.
+        Branches,
         /// Three relaxing elements, slower in release; gain fluctuates.
         Relaxing,
     }

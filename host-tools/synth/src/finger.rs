@@ -229,8 +229,7 @@ impl<'a> EpisodeSetup<'a> {
                 "film": film_session, "modes": build.modes, "xl": build.xl,
             }),
         );
-        let (mut film, drawn) =
-            Film::new(&build.unit.film, film_session, rng).with_family(families.film, own);
+        let (mut film, drawn) = Film::new(&build.unit.film, film_session, rng).with_families(families, own);
         if !families.is_laboratory() {
             let other = json!({ "film": drawn, "accelerometer": build.quirk });
             log.add(format!("finger_{sensor}_families"), &other);

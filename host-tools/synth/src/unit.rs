@@ -62,7 +62,10 @@ impl Unit {
     }
 
     fn draw(rng: &mut Rng, id: UnitId) -> Self {
-        Self { film: FilmUnit::draw(rng), modes: Modes::draw(rng, id.platform()), xl: XlUnit::draw(rng) }
+        let mut film = FilmUnit::draw(rng);
+        let (modes, xl) = (Modes::draw(rng, id.platform()), XlUnit::draw(rng));
+        film.circuit.draw_amplifiers(rng);
+        Self { film, modes, xl }
     }
 }
 

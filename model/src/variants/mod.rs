@@ -36,7 +36,7 @@ use crate::weights::FIRST_DIMS;
 pub enum Modality {
     Both,
     Piezo,
-    /// Accelerometers only; the pads say what contact is.
+    /// Accelerometers only: they say what contact is, too.
     Xl,
 }
 
@@ -92,6 +92,15 @@ pub struct Variant {
     pub families: bool,
     /// Does the detector's loss weigh events, else all frames alike.
     pub event_loss: bool,
+    /// Do its sequences hold frames as they come, each with the same weight, as the paper's.
+    pub as_recorded: bool,
+}
+
+impl Variant {
+    /// Whether the pads decide what contact is, as in the pipeline.
+    pub fn pads_say_contact(&self) -> bool {
+        self.modality != Modality::Xl
+    }
 }
 
 /// The network as shipped: what `slipsense train` trains and what is quantized has its parts, at its own size.
@@ -107,6 +116,7 @@ pub const BASE: Variant = Variant {
     xl_augmentation: true,
     families: true,
     event_loss: true,
+    as_recorded: false,
 };
 
 /// Where a row's weights come from.
@@ -169,8 +179,9 @@ const fn fusion(fusion: Fusion) -> Variant {
     Variant { fusion, ..BASE }
 }
 
+/// The paper's comparison of modalities: in the laboratory alone, on frames as they come.
 const fn modality(modality: Modality) -> Variant {
-    Variant { modality, ..BASE }
+    Variant { modality, families: false, event_loss: false, as_recorded: true, ..BASE }
 }
 
 const NO_CHANGE: Variant = Variant { pads: PadView { side: TAXEL_ROWS, change: false }, ..BASE };
@@ -182,10 +193,11 @@ const fn encoders(name: &'static str, about: &'static str, pads: PadEncoder, xl:
     Row { encoders: Some(Encoders { pads, xl }), ..row(name, "paper's network", about, PAPER) }
 }
 
-pub const ROWS: [Row; 32] = [
+pub const ROWS: [Row; 33] = [
     row(BASE_ROW, "base", "both modalities, cross-attention, T = 60, 32×32, XL augmentation", BASE),
+    row("both", "modality", "both, trained as the two rows below", modality(Modality::Both)),
     row("piezo", "modality", "pads only", modality(Modality::Piezo)),
-    row("xl", "modality", "accelerometers only, contact included", modality(Modality::Xl)),
+    row("xl", "modality", "accelerometers only, which say what contact is, too", modality(Modality::Xl)),
     row("late", "fusion", "mean of the logits of two networks", fusion(Fusion::Late)),
     row("concatenation", "fusion", "no first attention", fusion(Fusion::Concatenation)),
     row("own-attention", "fusion", "each modality attends to itself first", fusion(Fusion::OwnAttention)),

@@ -112,7 +112,7 @@ impl Run<'_> {
         };
         let bar = self.bar(row, seed, 0);
         bar.set_message("score");
-        let splits = self.sets.score(splits, episodes, &bar, &outputs);
+        let splits = self.sets.score(splits, episodes, row.variant.pads_say_contact(), &bar, &outputs);
         let detector = row.encoders.is_none().then(|| self.sets.detector(&bar, &outputs));
         bar.finish_and_clear();
         Finished {
@@ -171,12 +171,13 @@ impl Run<'_> {
 
     /// Of the training episodes that the row sees, and of mined stretches.
     fn sampler<'s>(&'s self, row: &Row, mined: &'s [Features], frames: usize) -> Result<Sampler<'s>> {
-        let Variant { pads, xl_augmentation, families, event_loss, .. } = row.variant;
+        let Variant { pads, xl_augmentation, families, event_loss, as_recorded, .. } = row.variant;
         let extreme_weight = Options::default().extreme_weight.filter(|_| event_loss);
         let seen =
             self.sets.train.iter().enumerate().filter(|(place, _)| families || is_of_laboratory(*place));
         let episodes = seen.map(|(_, episode)| episode).chain(mined);
-        Sampler::new(episodes, frames, Options { pads, xl_augmentation, extreme_weight })
+        let options = Options { pads, xl_augmentation, extreme_weight, as_recorded };
+        Sampler::new(episodes, frames, options)
     }
 
     fn bar(&self, row: &Row, seed: u64, steps: usize) -> ProgressBar {

@@ -10,7 +10,9 @@ use slipsense_synth::{Recipe, Split};
 use super::BASE;
 use super::results::{Budget, SplitFigures};
 use crate::data::{Features, disturbances, first, recipes};
-use crate::evaluate::{DetectorFigures, VALIDATION_ALARMS_PER_HOUR, detector_figures, score_logits};
+use crate::evaluate::{
+    DetectorFigures, VALIDATION_ALARMS_PER_HOUR, detector_figures, score_alone, score_logits,
+};
 use crate::folder::Use;
 
 /// Splits that every row is scored on.
@@ -51,6 +53,7 @@ impl Sets {
         &self,
         splits: &[Split],
         episodes: usize,
+        pads_say_contact: bool,
         bar: &ProgressBar,
         outputs: impl Fn(&Features) -> Vec<[f32; OUTPUTS]>,
     ) -> Vec<SplitFigures> {
@@ -59,8 +62,8 @@ impl Sets {
         bar.set_length(total as u64);
         let one = |features: &Features| {
             bar.inc(1);
-            // As the paper's row with accelerometers alone must have had it, the pads say what contact is in every row.
-            score_logits(features, &outputs(features))
+            let outputs = outputs(features);
+            if pads_say_contact { score_logits(features, &outputs) } else { score_alone(features, &outputs) }
         };
         let figures = |(split, all): &(Split, Vec<Features>)| {
             SplitFigures::new(*split, all.iter().take(episodes).map(one).collect())

@@ -15,7 +15,7 @@ use super::curve::Curve;
 pub const PLAYS: usize = 8;
 /// Widths of the plays: 1 to 8 times this many octaves of pressure. Half of the load is one octave below
 /// its peak, where the narrower half of the plays has let go; the wider ones serve full scale, where the
-/// divider flattens the loop's upper part.
+/// law from codes to counts flattens the loop's upper part.
 pub const WIDTH_OCTAVES: f64 = 0.28;
 /// Pressure below which the film knows no hysteresis, kPa.
 pub const FLOOR_KPA: f64 = 1.0;

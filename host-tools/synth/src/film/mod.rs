@@ -1,17 +1,17 @@
-//! From pressure to ADC counts: piezoresistive film, divider, scan.
+//! From pressure to counts: piezoresistive film, front end, scan.
 //!
-//! A taxel's pressure passes a low-pass, hysteresis and creep; the film's conductance and the divider
-//! make counts of it; the passive matrix mixes them; noise, mains and the converter come last.
+//! A taxel's pressure passes a low-pass; the film's material makes a conductance of it; the front end reads all of
+//! them, with crosstalk, noise and mains; the firmware's trim and integer law make counts of its codes.
 
 mod curve;
 mod noise;
 mod session;
 mod unit;
 mod creep;
-mod crosstalk;
 mod front_end;
 mod hysteresis;
 mod transfer;
+mod branches;
 mod circuit;
 mod percolating;
 mod relaxing;
@@ -26,12 +26,13 @@ pub(crate) use unit::FilmUnit;
 
 use libm::{exp, sincos};
 use serde::Serialize;
-use slipsense::params::{COUNT_MAX, FRAME_RATE_HZ, TAXEL_COLS, TAXEL_ROWS, TAXELS};
+use slipsense::params::{FRAME_RATE_HZ, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 use slipsense::sensor::{PiezoFrame, active_cols};
 
 use crate::contact::PressureMap;
 use crate::draw::{Draw, Rng};
-use crate::families::FilmFamily;
+use crate::families::{Families, FilmFamily};
+use branches::Branches;
 use circuit::Circuit;
 use creep::Blend;
 use curve::Curve;
@@ -43,6 +44,8 @@ use relaxing::Relaxing;
 const NOTHING_KPA: f64 = 1e-4;
 /// Share of the variance of pick-up that all taxels of a row have in common: they are read together.
 const ROW_SHARE: f64 = 0.8;
+/// Share of the boards in families of physics that the firmware has calibrated.
+const CALIBRATED: f64 = 0.5;
 
 #[derive(Clone, Default)]
 struct Taxel {
@@ -55,11 +58,11 @@ struct Taxel {
     awake: bool,
 }
 
-/// What stands between pressure and counts in place of the laboratory's film or divider.
+/// What makes a conductance of pressure in place of the laboratory's hysteresis, creep and power law.
 #[derive(Serialize)]
 #[serde(untagged)]
 enum Other {
-    Circuit(Box<Circuit>),
+    Branches(Branches),
     Relaxing(Relaxing),
     Percolating(Percolating),
 }
@@ -70,13 +73,14 @@ pub(crate) struct Film<'a> {
     rng: Rng,
     taxels: Vec<Taxel>,
     hysteresis: Hysteresis,
-    /// Conductance over pressure, relative to the divider's reference, for a taxel of gain 1.
+    /// Conductance over pressure, share of a nominal taxel's at full scale, for a taxel of gain 1.
     conductance: Curve,
     blend: f64,
     creep_blend: Blend,
     /// Phase of the mains at each row against the tick, as cosine and sine.
     row_phase: [(f64, f64); TAXEL_ROWS],
     before: [u16; TAXELS],
+    circuit: Circuit,
     other: Option<Other>,
 }
 
@@ -88,7 +92,7 @@ impl<'a> Film<'a> {
         Self {
             taxels: vec![Taxel::default(); TAXELS],
             hysteresis: Hysteresis::new(unit.hysteresis),
-            conductance: Curve::tabulate(|kpa| gain * transfer::conductance(kpa, unit.exponent)),
+            conductance: Curve::tabulate(|kpa| gain * transfer::share(kpa, unit.exponent)),
             blend: 1.0 - exp(-dt / unit.lag_s),
             creep_blend: unit.creep.blend(dt),
             row_phase: std::array::from_fn(|row| {
@@ -96,6 +100,7 @@ impl<'a> Film<'a> {
                 (cos, sin)
             }),
             before: [0; TAXELS],
+            circuit: unit.circuit.clone(),
             other: None,
             unit,
             session,
@@ -103,15 +108,18 @@ impl<'a> Film<'a> {
         }
     }
 
-    /// Let a film of this family answer, and log what is drawn of it.
-    pub(crate) fn with_family(mut self, family: FilmFamily, rng: &mut Rng) -> (Self, serde_json::Value) {
-        self.other = match family {
-            FilmFamily::Divider => None,
-            FilmFamily::Circuit => Some(Other::Circuit(Box::new(Circuit::draw(rng)))),
+    /// Let a film of these families answer, behind a board that may be calibrated, and log what is drawn of them.
+    pub(crate) fn with_families(mut self, families: Families, rng: &mut Rng) -> (Self, serde_json::Value) {
+        self.other = match families.film {
+            FilmFamily::Plays => None,
+            FilmFamily::Branches => Some(Other::Branches(Branches::draw(rng))),
             FilmFamily::Relaxing => Some(Other::Relaxing(Relaxing::draw(rng))),
             FilmFamily::Percolating => Some(Other::Percolating(Percolating::draw(rng))),
         };
-        let drawn = serde_json::to_value(&self.other).unwrap_or_default();
+        if !families.is_laboratory() && rng.chance(CALIBRATED) {
+            self.circuit = self.circuit.calibrated(rng);
+        }
+        let drawn = serde_json::json!({ "material": self.other, "circuit": self.circuit });
         (self, drawn)
     }
 
@@ -126,18 +134,13 @@ impl<'a> Film<'a> {
         pickup_counts: f64,
         force_back: impl Fn(f64) -> f64,
     ) -> PiezoFrame {
-        let asymptote = transfer::asymptote_counts();
-        let mut counts = [0.0; TAXELS];
         if let Some(Other::Relaxing(film)) = &mut self.other {
             film.advance(&mut self.rng);
         }
-        let any = self.conduct(map, asymptote, force_back, &mut counts);
-        match &mut self.other {
-            None if any => self.unit.crosstalk.apply(&mut counts, asymptote),
-            Some(Other::Circuit(circuit)) => circuit.read(&mut counts),
-            _ => {}
-        }
-        let mut scan = self.convert(frame, &counts, pickup_counts);
+        let mut taxels = [0.0; TAXELS];
+        self.conduct(map, force_back, &mut taxels);
+        self.circuit.read(&mut taxels);
+        let mut scan = self.convert(frame, &taxels, pickup_counts);
         for &[row, col, level] in &self.unit.stuck {
             scan[row * TAXEL_COLS + col] = level as u16;
         }
@@ -148,16 +151,9 @@ impl<'a> Film<'a> {
         PiezoFrame::from_scan(scan)
     }
 
-    /// What every taxel shows by itself: counts, or conductance where the circuit follows; false where none shows any.
-    fn conduct(
-        &mut self,
-        map: &PressureMap,
-        asymptote: f64,
-        force_back: impl Fn(f64) -> f64,
-        out: &mut [f64; TAXELS],
-    ) -> bool {
+    /// Conductance of every taxel by itself, share of a nominal one's at full scale.
+    fn conduct(&mut self, map: &PressureMap, force_back: impl Fn(f64) -> f64, out: &mut [f64; TAXELS]) {
         let unit = self.unit;
-        let mut any = false;
         for row in 0..TAXEL_ROWS {
             let scale = force_back(row_age_s(unit.scan_s, row));
             for col in active_cols(row) {
@@ -174,33 +170,28 @@ impl<'a> Film<'a> {
                 let shown = self.hysteresis.step(&mut taxel.plays, taxel.follow);
                 let shown = shown + unit.creep.step(&mut taxel.creep, shown, &self.creep_blend);
                 taxel.awake = shown > NOTHING_KPA;
-                let x = unit.gain[cell] * self.conductance.at(shown);
-                out[cell] = match &self.other {
-                    None => asymptote * x / (1.0 + x),
-                    Some(Other::Circuit(_)) => x,
-                    Some(Other::Relaxing(film)) => {
-                        film.counts(&mut taxel.state, taxel.follow, unit.gain[cell])
-                    }
-                    Some(Other::Percolating(film)) => {
-                        film.counts(&mut taxel.state[0], taxel.follow, unit.gain[cell])
-                    }
+                let own = match &self.other {
+                    None => self.conductance.at(shown),
+                    Some(Other::Branches(film)) => film.conductance(&mut taxel.state[0], taxel.follow),
+                    Some(Other::Relaxing(film)) => film.conductance(&mut taxel.state, taxel.follow),
+                    Some(Other::Percolating(film)) => film.conductance(&mut taxel.state[0], taxel.follow),
                 };
-                any |= taxel.awake;
+                out[cell] = unit.gain[cell] * own;
             }
         }
-        any
     }
 
-    fn convert(&mut self, frame: usize, counts: &[f64; TAXELS], pickup_counts: f64) -> [u16; TAXELS] {
+    /// Counts of the front end's codes, with noise, mains and what else is induced.
+    fn convert(&mut self, frame: usize, codes: &[f64; TAXELS], pickup_counts: f64) -> [u16; TAXELS] {
         let (unit, session) = (self.unit, &self.session);
-        let own = unit.noise_counts * session.noise_factor;
-        let own = (own * own + (1.0 - ROW_SHARE) * pickup_counts * pickup_counts).sqrt() as f32;
+        let own = (1.0 - ROW_SHARE).sqrt() * pickup_counts;
         let shared = ROW_SHARE.sqrt() * pickup_counts;
         let hum = unit.mains_counts * session.mains_share * session.noise_factor;
         let t = (frame + 1) as f64 / FRAME_RATE_HZ as f64;
         let (sin, cos) = sincos(std::f64::consts::TAU * session.mains_hz * t + session.mains_phase);
         let mut noise = [0.0; TAXELS];
         noise::draws(&mut self.rng, &mut noise);
+        let sigmas = self.circuit.sigmas(session.noise_factor, own);
         let mut scan = [0; TAXELS];
         for row in 0..TAXEL_ROWS {
             let (row_cos, row_sin) = self.row_phase[row];
@@ -208,18 +199,9 @@ impl<'a> Film<'a> {
             if shared > 0.0 {
                 common += shared * self.rng.normal();
             }
-            let common = common as f32;
-            let cells = row * TAXEL_COLS..(row + 1) * TAXEL_COLS;
-            if let Some(Other::Circuit(circuit)) = &self.other {
-                for cell in cells {
-                    let noise = f64::from(noise[cell]) * session.noise_factor;
-                    scan[cell] = circuit.count(cell, counts[cell], noise, common.into());
-                }
-            } else {
-                for cell in cells {
-                    let level = counts[cell] as f32 + unit.offset[cell] + common + own * noise[cell];
-                    scan[cell] = converted(level);
-                }
+            for cell in row * TAXEL_COLS..(row + 1) * TAXEL_COLS {
+                let noise = sigmas[cell % TAXEL_COLS] * f64::from(noise[cell]);
+                scan[cell] = self.circuit.count(cell, codes[cell] + noise, common);
             }
         }
         scan
@@ -229,12 +211,4 @@ impl<'a> Film<'a> {
 /// How long before the tick a row is read.
 fn row_age_s(scan_s: f64, row: usize) -> f64 {
     scan_s * (TAXEL_ROWS - 1 - row) as f64 / TAXEL_ROWS as f64
-}
-
-/// What the converter reads: rounded to a count, ending at 0 and at 4095.
-#[inline]
-fn converted(level: f32) -> u16 {
-    // From 2^23 on a float holds integers: the sum's mantissa is the rounded count, unlike a cast for several at once.
-    const INTEGERS: f32 = 8_388_608.0;
-    ((level.clamp(0.0, COUNT_MAX as f32) + INTEGERS).to_bits() & 0xffff) as u16
 }

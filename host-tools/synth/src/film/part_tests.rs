@@ -1,14 +1,10 @@
-//! The film's parts against their definitions, and the crosstalk formula against the whole network.
+//! The film's parts against their definitions.
 
-use libm::pow;
-use nalgebra::{DMatrix, DVector};
-use slipsense::params::{COUNT_MAX, TAXEL_COLS, TAXEL_ROWS, TAXELS};
-use slipsense::sensor::is_active;
+use slipsense::params::COUNT_MAX;
 
 use super::creep::{Creep, TERMS};
-use super::crosstalk::Crosstalk;
 use super::hysteresis::{Hysteresis, PLAYS};
-use super::transfer::{EXPONENT, FULL_SCALE_KPA, asymptote_counts, conductance, counts};
+use super::transfer::{EXPONENT, FULL_SCALE_KPA, counts};
 use crate::check::{near, within};
 
 #[test]
@@ -98,123 +94,4 @@ fn a_minor_loop_lies_inside_the_major_one() {
         down > up && (back - peak).abs() < 1e-9 && (again - down).abs() < 1e-9,
         "{up} {down} {peak} {back}"
     );
-}
-
-/// Pressures of a grip: a soft-edged patch with its middle at `row`, `col`, kPa.
-fn patch(row: f64, col: f64, half: (f64, f64), peak_kpa: f64) -> Vec<f64> {
-    (0..TAXELS)
-        .map(|cell| {
-            let (r, c) = (cell / TAXEL_COLS, cell % TAXEL_COLS);
-            let (u, v) = ((r as f64 - row) / half.0, (c as f64 - col) / half.1);
-            if is_active(r, c) { peak_kpa * (1.0 - u * u - v * v).max(0.0) } else { 0.0 }
-        })
-        .collect()
-}
-
-/// What each taxel conducts with its resistor in series, relative to the resistor's conductance.
-fn conduct(kpa: &[f64]) -> Box<[f64; TAXELS]> {
-    let of = |p: f64| conductance(p, EXPONENT) / (1.0 + conductance(p, EXPONENT));
-    Box::new(std::array::from_fn(|cell| of(kpa[cell])))
-}
-
-/// Kirchhoff's equations of the 32 rows and 32 columns. Every line hangs on one closed switch (`on`) and
-/// one open one (`off`), conductances: a row between drive (1) and ground, a column between amplifier and
-/// ground, both at 0. Which of the two is closed does not change the matrix, so that one factorisation
-/// serves all readings.
-fn network(g: &[f64; TAXELS], on: f64, off: f64) -> DMatrix<f64> {
-    let mut matrix =
-        DMatrix::from_diagonal_element(TAXEL_ROWS + TAXEL_COLS, TAXEL_ROWS + TAXEL_COLS, on + off);
-    for (cell, &g) in g.iter().enumerate() {
-        let (row, col) = (cell / TAXEL_COLS, TAXEL_ROWS + cell % TAXEL_COLS);
-        matrix[(row, row)] += g;
-        matrix[(col, col)] += g;
-        matrix[(row, col)] -= g;
-        matrix[(col, row)] -= g;
-    }
-    matrix
-}
-
-/// Zero-potential readings of the whole network, as conductances. Open against closed switch makes a
-/// divider at either end that costs all readings the same; that gain is taken out.
-fn nodal(g: &[f64; TAXELS], on: f64, off: f64) -> Box<[f64; TAXELS]> {
-    let solver = network(g, on, off).lu();
-    let gain = (1.0 + off / on) * (1.0 + off / on);
-    let mut readings = Box::new([0.0; TAXELS]);
-    for row in 0..TAXEL_ROWS {
-        let drive = |node: usize| match node {
-            n if n == row => on,
-            n if n < TAXEL_ROWS => off,
-            _ => 0.0,
-        };
-        let volts = solver.solve(&DVector::from_fn(TAXEL_ROWS + TAXEL_COLS, |n, _| drive(n))).unwrap();
-        let cols = volts.rows(TAXEL_ROWS, TAXEL_COLS);
-        let leaked = off * cols.sum();
-        for col in 0..TAXEL_COLS {
-            readings[row * TAXEL_COLS + col] = gain * ((on - off) * cols[col] + leaked);
-        }
-    }
-    readings
-}
-
-/// Reading of one taxel with all other lines left open.
-fn floating(g: &[f64; TAXELS], on: f64, row: usize, col: usize) -> f64 {
-    let mut matrix = network(g, 0.0, 1e-9);
-    matrix[(row, row)] += on;
-    matrix[(TAXEL_ROWS + col, TAXEL_ROWS + col)] += on;
-    let mut drive = DVector::zeros(TAXEL_ROWS + TAXEL_COLS);
-    drive[row] = on;
-    on * matrix.lu().solve(&drive).unwrap()[TAXEL_ROWS + col]
-}
-
-/// Largest and rms difference from the nodal solution, in counts, and the rms of the own conductances'.
-fn errors(kpa: &[f64], line: f64, leak: f64) -> (f64, f64, f64) {
-    let g = conduct(kpa);
-    let on = 1.0 / line;
-    let truth = nodal(&g, on, on * leak / TAXEL_ROWS as f64);
-    let mut first_order = g.clone();
-    Crosstalk { line, row_leak: leak, col_leak: leak }.apply(&mut first_order, 1.0);
-    let (mut worst, mut sum, mut bare) = (0.0f64, 0.0, 0.0);
-    for cell in 0..TAXELS {
-        let error = asymptote_counts() * (first_order[cell] - truth[cell]).abs();
-        worst = worst.max(error);
-        sum += error * error;
-        bare += pow(asymptote_counts() * (g[cell] - truth[cell]), 2.0);
-    }
-    let rms = |sum: f64| (sum / TAXELS as f64).sqrt();
-    (worst, rms(sum), rms(bare))
-}
-
-#[test]
-fn first_order_crosstalk_is_close_to_the_whole_network() {
-    let grips = [
-        ("cable, 2 N", patch(15.0, 12.0, (7.0, 2.2), 110.0)),
-        ("flat, 2 N", patch(16.0, 16.0, (9.0, 9.0), 25.0)),
-        ("flat, 10 N", patch(14.0, 18.0, (9.0, 9.0), 125.0)),
-    ];
-    for (name, kpa) in &grips {
-        for (line, leak) in [(0.001, 0.002), (0.003, 0.006), (0.01, 0.02)] {
-            let (worst, rms, bare) = errors(kpa, line, leak);
-            // No more than second-order terms are missing, no taxel is off by more than rounding.
-            within(format!("{name}, R_on {line}, leak {leak}: rms error, counts"), rms, ..0.03 * bare);
-            within("largest error, counts", worst, ..0.5);
-        }
-    }
-    let (worst, ..) = errors(&patch(16.0, 16.0, (9.0, 9.0), 600.0), 0.01, 0.02);
-    within("flat, 50 N, worst readout: error over the peak", worst / counts(600.0, EXPONENT), ..0.01);
-}
-
-#[test]
-fn three_corners_show_a_fourth_only_in_a_floating_read() {
-    let mut kpa = vec![0.0; TAXELS];
-    for (row, col) in [(10, 10), (10, 20), (20, 10)] {
-        kpa[row * TAXEL_COLS + col] = 100.0;
-    }
-    let g = conduct(&kpa);
-    let corner = asymptote_counts() * g[10 * TAXEL_COLS + 10];
-    for line in [0.001, 0.01] {
-        let ghost = asymptote_counts() * floating(&g, 1.0 / line, 20, 20);
-        let held = asymptote_counts() * nodal(&g, 1.0 / line, 0.0)[20 * TAXEL_COLS + 20];
-        near(format!("R_on {line}: fourth corner floating, a third"), ghost, corner / 3.0, 0.05);
-        within("at zero potential", held, ..0.01 * ghost);
-    }
 }

@@ -1,8 +1,8 @@
-//! A film of conducting grains: counts by the logarithm of pressure above a threshold, which a load lowers for a while.
+//! A film of conducting grains: conductance by the logarithm of pressure above a threshold, which a load lowers for a while.
 
 use libm::{exp, log};
 use serde::Serialize;
-use slipsense::params::{COUNT_MAX, FRAME_RATE_HZ};
+use slipsense::params::FRAME_RATE_HZ;
 
 use super::transfer::FULL_SCALE_KPA;
 use crate::draw::{Draw, Rng};
@@ -19,7 +19,8 @@ pub(super) struct Percolating {
     lowered: f64,
     /// Share of the lowering that is left after a frame; it lasts for 0.5 to 20 s.
     forgets: f64,
-    full_scale_counts: f64,
+    /// Conductance at full scale, share of a nominal taxel's.
+    full_scale: f64,
 }
 
 impl Percolating {
@@ -29,16 +30,15 @@ impl Percolating {
             bend_kpa: rng.log_between(80.0, 500.0),
             lowered: rng.between(0.2, 0.7),
             forgets: exp(-1.0 / (rng.log_between(0.5, 20.0) * FRAME_RATE_HZ as f64)),
-            full_scale_counts: rng.log_between(2_000.0, 4_500.0),
+            full_scale: rng.log_between(0.1, 0.4),
         }
     }
 
-    /// Counts of a taxel of this gain after a frame of `kpa`; `peak_kpa` is the load that it remembers.
-    pub fn counts(&self, peak_kpa: &mut f64, kpa: f64, gain: f64) -> f64 {
+    /// Conductance of a taxel of gain 1 after a frame of `kpa`; `peak_kpa` is the load that it remembers.
+    pub fn conductance(&self, peak_kpa: &mut f64, kpa: f64) -> f64 {
         *peak_kpa = (*peak_kpa * self.forgets).max(kpa);
         let lowered = self.lowered * *peak_kpa / (*peak_kpa + HALF_LOWERED_KPA);
         let above = (kpa - self.threshold_kpa * (1.0 - lowered)).max(0.0);
-        let share = log(1.0 + above / self.bend_kpa) / log(1.0 + FULL_SCALE_KPA / self.bend_kpa);
-        (gain * self.full_scale_counts * share).min(COUNT_MAX.into())
+        self.full_scale * log(1.0 + above / self.bend_kpa) / log(1.0 + FULL_SCALE_KPA / self.bend_kpa)
     }
 }

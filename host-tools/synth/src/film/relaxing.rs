@@ -2,7 +2,7 @@
 
 use libm::{exp, pow};
 use serde::Serialize;
-use slipsense::params::{COUNT_MAX, FRAME_RATE_HZ};
+use slipsense::params::FRAME_RATE_HZ;
 
 use super::transfer::FULL_SCALE_KPA;
 use crate::draw::{Draw, Rng};
@@ -13,9 +13,10 @@ pub(super) struct Relaxing {
     shares: [f64; 2],
     rise: [f64; 2],
     fall: [f64; 2],
-    /// Of the counts over pressure.
+    /// Of the conductance over pressure.
     exponent: f64,
-    full_scale_counts: f64,
+    /// Conductance at full scale, share of a nominal taxel's.
+    full_scale: f64,
     /// Of the gain: relative rms and its pace.
     fluctuation: f64,
     pace: f64,
@@ -33,8 +34,8 @@ impl Relaxing {
             shares: [(0.05, 0.3), (0.01, 0.1)].map(|span| rng.uniform(span)),
             rise: tau_s.map(blend),
             fall: tau_s.map(|tau| blend(tau * slowdown)),
-            exponent: rng.between(0.65, 0.9),
-            full_scale_counts: rng.log_between(2_500.0, 5_000.0),
+            exponent: rng.between(0.85, 1.05),
+            full_scale: rng.log_between(0.4, 1.0),
             fluctuation: rng.between(0.0, 0.01),
             pace: blend(rng.log_between(0.3, 5.0)),
             gain: 0.0,
@@ -46,16 +47,15 @@ impl Relaxing {
         self.gain += self.pace * (rng.normal() * (2.0 / self.pace).sqrt() - self.gain);
     }
 
-    /// Counts of a taxel of this gain after a frame of `kpa`.
-    pub fn counts(&self, state: &mut [f64; 2], kpa: f64, gain: f64) -> f64 {
+    /// Conductance of a taxel of gain 1 after a frame of `kpa`.
+    pub fn conductance(&self, state: &mut [f64; 2], kpa: f64) -> f64 {
         let mut shown = kpa;
         for (i, state) in state.iter_mut().enumerate() {
             let blend = if kpa > *state { self.rise[i] } else { self.fall[i] };
             *state += blend * (kpa - *state);
             shown += self.shares[i] * (*state - kpa);
         }
-        let gain = gain * (1.0 + self.fluctuation * self.gain);
-        let share = shown.max(0.0) * gain / FULL_SCALE_KPA;
-        (self.full_scale_counts * pow(share, self.exponent)).min(COUNT_MAX.into())
+        let gain = self.full_scale * (1.0 + self.fluctuation * self.gain);
+        gain * pow(shown.max(0.0) / FULL_SCALE_KPA, self.exponent)
     }
 }

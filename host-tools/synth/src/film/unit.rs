@@ -7,16 +7,11 @@ use serde::Serialize;
 use slipsense::params::{TAXEL_COLS, TAXELS};
 use slipsense::sensor::is_active;
 
+use super::circuit::{self, Circuit};
 use super::creep::Creep;
-use super::crosstalk::Crosstalk;
 use super::transfer::EXPONENT;
 use crate::contact::cell_mm;
 use crate::draw::{Draw, Rng};
-
-/// Idle level of a taxel, counts. Below 0: the converter's range begins above the divider's idle voltage,
-/// so that most of the noise of an untouched taxel reads 0. Like that of the noise a modelling range, which the
-/// paper does not state, set so that its baselines land where they do in it.
-const OFFSET_COUNTS: (f64, f64) = (-0.9, -0.1);
 
 /// Standard deviation of the smooth variation of gain over the pad: two of them are ±15 %.
 const GAIN_SMOOTH: f64 = 0.075;
@@ -25,16 +20,11 @@ const GAIN_OWN: f64 = 0.05;
 /// Deviation of the exponent from the nominal film's.
 const EXPONENT_SPREAD: f64 = 0.05;
 
-/// Leak of the means of row and column into a taxel.
-const LEAK: (f64, f64) = (0.002, 0.02);
-
 #[derive(Clone, Serialize)]
 pub(crate) struct FilmUnit {
     /// Factor on the conductance of each taxel; 0 for dead and stuck ones.
     #[serde(skip)]
     pub gain: Box<[f64; TAXELS]>,
-    #[serde(skip)]
-    pub offset: Box<[f32; TAXELS]>,
     /// Taxels without conductance, as row and column.
     pub dead: Vec<[usize; 2]>,
     /// Taxels that read a level whatever happens: row, column, counts.
@@ -42,9 +32,6 @@ pub(crate) struct FilmUnit {
     /// Correlation length of the smooth variation of gain.
     pub gain_length_mm: f64,
     pub exponent: f64,
-    pub offset_counts: f64,
-    /// Electrical noise of a taxel, rms. Noisier readouts are made by the recipe's factor on it.
-    pub noise_counts: f64,
     pub mains_counts: f64,
     /// Time constant of a taxel.
     pub lag_s: f64,
@@ -53,7 +40,7 @@ pub(crate) struct FilmUnit {
     pub creep: Creep,
     /// Loop width, share of the excursion.
     pub hysteresis: f64,
-    pub crosstalk: Crosstalk,
+    pub circuit: Circuit,
     /// Relative change of gain per °C.
     pub per_degree: f64,
     /// Relative loss of gain in four months.
@@ -64,27 +51,20 @@ impl FilmUnit {
     pub(crate) fn draw(rng: &mut Rng) -> Self {
         let gain_length_mm = rng.between(5.0, 10.0);
         let mut gain = gain_map(rng, gain_length_mm);
-        let noise_counts = rng.between(0.4, 0.7);
+        let noise = rng.uniform(circuit::NOISE);
         let (dead, stuck) = faulty(rng);
         for [row, col] in dead.iter().copied().chain(stuck.iter().map(|&[row, col, _]| [row, col])) {
             gain[row * TAXEL_COLS + col] = 0.0;
         }
-        let offset_counts = rng.uniform(OFFSET_COUNTS);
+        let margin_sigmas = rng.uniform(circuit::MARGIN_SIGMAS);
         let mains_counts = rng.between(0.0, 0.5);
-        let mut offset = Box::new([0.0; TAXELS]);
-        for level in offset.iter_mut() {
-            let own = offset_counts + 0.1 * rng.normal();
-            *level = own.clamp(OFFSET_COUNTS.0, OFFSET_COUNTS.1) as f32;
-        }
+        let residual = Box::new(std::array::from_fn(|_| circuit::TRIMMED_CODES * rng.normal()));
         Self {
             gain,
-            offset,
             dead,
             stuck,
             gain_length_mm,
             exponent: EXPONENT + rng.between(-EXPONENT_SPREAD, EXPONENT_SPREAD),
-            offset_counts,
-            noise_counts,
             mains_counts,
             lag_s: rng.log_between(0.5e-3, 5e-3),
             scan_s: rng.between(2e-3, 4.1e-3),
@@ -94,11 +74,7 @@ impl FilmUnit {
                 residual: rng.between(0.03, 0.15),
             },
             hysteresis: rng.between(0.02, 0.08),
-            crosstalk: Crosstalk {
-                line: rng.log_between(0.001, 0.01),
-                row_leak: rng.log_uniform(LEAK),
-                col_leak: rng.log_uniform(LEAK),
-            },
+            circuit: Circuit::draw(rng, noise, margin_sigmas, residual),
             per_degree: rng.sign() * rng.between(0.002, 0.005),
             ageing: rng.between(0.0, 0.15),
         }

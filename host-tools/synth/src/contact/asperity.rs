@@ -10,10 +10,10 @@ use slipsense::params::TAXELS;
 use super::map::PressureMap;
 use crate::draw::{Draw, Rng};
 
-/// Relative rms of one element's pressure, lowest and highest: about a quarter of `1/√n` for the `n`
+/// Relative rms of one element's pressure, lowest and highest: about a third of `1/√n` for the `n`
 /// asperities of 10–40 µm that fit under the 0.45 × 0.45 mm of an element, as the layer between spreads their
 /// loads. A modelling range, set so that the paper's baselines land where they do in the paper.
-const RMS: (f64, f64) = (0.005, 0.02);
+const RMS: (f64, f64) = (0.0075, 0.03);
 /// How far the faces shift against each other while the grip force grows or falls e-fold: a layer of rubber bulges by
 /// tenths of its thickness of some millimetres. A modelling range, as the one above.
 const BULGE_MM: (f64, f64) = (0.1, 0.6);

@@ -77,7 +77,7 @@ fn idle_mean(unit: &FilmUnit, session: &FilmSession) -> f64 {
     };
     let codes = circuit::CODES_PER_COUNT;
     let hum = codes * unit.mains_counts * session.mains_share * session.noise_factor;
-    let level = codes * session.zero_counts - unit.circuit.margin_sigmas * noise;
+    let level = codes * (session.zero_counts + unit.circuit.idle_counts);
     let at = |phase: usize| clipped(level + hum * sin(std::f64::consts::TAU * phase as f64 / PHASES as f64));
     let working = (0..PHASES).map(at).sum::<f64>() / PHASES as f64;
     let stuck = |cell: usize| unit.stuck.iter().find(|s| s[0] * TAXEL_COLS + s[1] == cell);

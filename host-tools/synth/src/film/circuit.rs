@@ -14,10 +14,10 @@ pub(super) const CODES_PER_COUNT: f64 = HALF_CODE as f64 / ASYMPTOTE as f64;
 const LINE: (f64, f64) = (0.4, 1.0);
 /// Offset of a column's amplifier, µV: the data sheet's limit is three standard deviations.
 const AMPLIFIER_UV: f64 = 125.0;
-/// Noise of a board as the paper's, against that of the simulation, and how far above the untouched level its range begins,
-/// in deviations of the noise: modelling ranges, set so that the paper's baselines land where they do in it.
-pub(super) const NOISE: (f64, f64) = (0.3, 0.5);
-pub(super) const MARGIN_SIGMAS: (f64, f64) = (0.5, 1.5);
+/// Noise of a board as the paper's, against that of the simulation, and the untouched level against the beginning of its
+/// range, counts: modelling ranges, set so that the paper's baselines land where they do in it.
+pub(super) const NOISE: (f64, f64) = (0.22, 0.38);
+pub(super) const IDLE_COUNTS: (f64, f64) = (-0.9, -0.1);
 /// What trimming leaves of a taxel's offset, rms.
 pub(super) const TRIMMED_CODES: f64 = 0.25;
 /// Noise of a calibrated board, and how far its idle level has drifted since, codes.
@@ -29,7 +29,7 @@ pub(crate) struct Circuit {
     front_end: FrontEnd,
     /// Against that of the simulation.
     pub noise: f64,
-    pub margin_sigmas: f64,
+    pub idle_counts: f64,
     drift_codes: f64,
     #[serde(skip)]
     residual: Box<[f64; TAXELS]>,
@@ -43,7 +43,7 @@ pub(crate) struct Circuit {
 impl Circuit {
     /// A board as the paper's: its range begins above the idle level, so that most of the noise reads 0. Its amplifiers
     /// have no offset yet.
-    pub fn draw(rng: &mut Rng, noise: f64, margin_sigmas: f64, residual: Box<[f64; TAXELS]>) -> Self {
+    pub fn draw(rng: &mut Rng, noise: f64, idle_counts: f64, residual: Box<[f64; TAXELS]>) -> Self {
         let (driver, row, col) = (rng.uniform(LINE), rng.uniform(LINE), rng.uniform(LINE));
         let mut circuit = Self {
             front_end: FrontEnd {
@@ -52,7 +52,7 @@ impl Circuit {
                 offset_uv: [0.0; TAXEL_COLS],
             },
             noise,
-            margin_sigmas,
+            idle_counts,
             drift_codes: 0.0,
             residual,
             trims: Box::new([Trim::NOMINAL; TAXELS]),
@@ -72,14 +72,14 @@ impl Circuit {
     /// The same board calibrated by the firmware: every taxel has a gate, and the idle level has drifted since.
     pub fn calibrated(mut self, rng: &mut Rng) -> Self {
         (self.noise, self.drift_codes) = (rng.uniform(CALIBRATED_NOISE), rng.uniform(DRIFT_CODES));
-        self.margin_sigmas = 0.0;
+        self.idle_counts = 0.0;
         let gate = (GATE_SIGMAS as u16 * in_eighths(self.noise * table::NOISE)).max(GATE_MIN);
         self.trim(gate);
         self
     }
 
     fn trim(&mut self, gate: u16) {
-        let margin = self.margin_sigmas * self.noise * table::NOISE;
+        let margin = -self.idle_counts * CODES_PER_COUNT;
         let idle = |col: usize| table::IDLE + self.front_end.offset_uv[col] * table::OFFSET_PER_UV + margin;
         for (cell, (trim, residual)) in self.trims.iter_mut().zip(&*self.residual).enumerate() {
             (trim.offset, trim.gate) = (in_eighths(idle(cell % TAXEL_COLS) + residual), gate);

@@ -56,7 +56,7 @@ impl FilmUnit {
         for [row, col] in dead.iter().copied().chain(stuck.iter().map(|&[row, col, _]| [row, col])) {
             gain[row * TAXEL_COLS + col] = 0.0;
         }
-        let margin_sigmas = rng.uniform(circuit::MARGIN_SIGMAS);
+        let idle_counts = rng.uniform(circuit::IDLE_COUNTS);
         let mains_counts = rng.between(0.0, 0.5);
         let residual = Box::new(std::array::from_fn(|_| circuit::TRIMMED_CODES * rng.normal()));
         Self {
@@ -74,7 +74,7 @@ impl FilmUnit {
                 residual: rng.between(0.03, 0.15),
             },
             hysteresis: rng.between(0.02, 0.08),
-            circuit: Circuit::draw(rng, noise, margin_sigmas, residual),
+            circuit: Circuit::draw(rng, noise, idle_counts, residual),
             per_degree: rng.sign() * rng.between(0.002, 0.005),
             ageing: rng.between(0.0, 0.15),
         }

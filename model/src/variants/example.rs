@@ -6,7 +6,7 @@ use slipsense::params::{CLASSES, FRAME_RATE_HZ, OUTPUTS};
 use slipsense_recording::score::{SLIP, runs};
 use slipsense_synth::Split;
 
-use super::BASE_ROW;
+use super::BOTH_ROW;
 use super::results::{Example, RowResults};
 use super::sets::Sets;
 use crate::data::Features;
@@ -14,7 +14,7 @@ use crate::evaluate::classes;
 use crate::picture::{self, Area, COLOURS};
 
 /// The rows that the picture has, from the top.
-const SHOWN: [(&str, &str); 3] = [("piezo", "pads"), ("xl", "accelerometers"), (BASE_ROW, "both")];
+const SHOWN: [(&str, &str); 3] = [("piezo", "pads"), ("xl", "accelerometers"), (BOTH_ROW, "both")];
 const SIZE: (u32, u32) = (900, 420);
 
 /// What a network says of the episode; none for a row that is not in the picture.

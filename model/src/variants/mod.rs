@@ -162,6 +162,8 @@ impl Row {
 
 /// Name of the row that the others differ from.
 pub const BASE_ROW: &str = "base";
+/// Name of the row of both modalities that stands beside each alone.
+const BOTH_ROW: &str = "both";
 const INTEGERS_ROW: &str = "integers";
 const PAPER_ROW: &str = "paper";
 /// Name of the larger network that teaches.
@@ -195,7 +197,7 @@ const fn encoders(name: &'static str, about: &'static str, pads: PadEncoder, xl:
 
 pub const ROWS: [Row; 33] = [
     row(BASE_ROW, "base", "both modalities, cross-attention, T = 60, 32×32, XL augmentation", BASE),
-    row("both", "modality", "both, trained as the two rows below", modality(Modality::Both)),
+    row(BOTH_ROW, "modality", "both, trained as each alone", modality(Modality::Both)),
     row("piezo", "modality", "pads only", modality(Modality::Piezo)),
     row("xl", "modality", "accelerometers only, which say what contact is, too", modality(Modality::Xl)),
     row("late", "fusion", "mean of the logits of two networks", fusion(Fusion::Late)),

@@ -11,7 +11,7 @@ use slipsense_synth::Split;
 
 use super::published::PaperComparison;
 use super::results::{Budget, Finished, RowResults, Spread};
-use super::{BASE_ROW, INTEGERS_ROW, PAPER_ROW, ROWS};
+use super::{BASE_ROW, BOTH_ROW, INTEGERS_ROW, PAPER_ROW, ROWS};
 
 /// Both UMI splits: where the paper compares modalities, fusions, resolutions and windows.
 pub(super) const UMI: [Split; 2] = [Split::UmiId, Split::UmiOod];
@@ -202,7 +202,7 @@ pub(super) fn orderings(rows: &[RowResults]) -> Vec<Ordering> {
     let on_umi = |rule: &str, better, worse| expected(rule, UMI, better, worse, 0.0);
     let both = |one: &str, row| {
         let rule = format!("both modalities > {one} by {BOTH_POINTS} points");
-        expected(&rule, UMI, BASE_ROW, row, BOTH_POINTS)
+        expected(&rule, UMI, BOTH_ROW, row, BOTH_POINTS)
     };
     vec![
         both("piezo", "piezo"),

@@ -6,7 +6,7 @@ use serde::Serialize;
 use slipsense_synth::paper::{self, PaperRow};
 
 use super::results::{RowResults, RowSplit, Spread};
-use super::{BASE_ROW, PAPER_ROW};
+use super::{BASE_ROW, BOTH_ROW, PAPER_ROW};
 
 /// A row of the paper's, and what compares with it here.
 #[derive(Clone, Debug, Serialize)]
@@ -18,11 +18,11 @@ pub struct PaperComparison {
 }
 
 impl PaperComparison {
-    /// Every pair there is, in the order of the paper's tables. The paper's whole network stands beside two of ours.
+    /// Every pair there is, in the order of the paper's tables. The paper's whole network stands beside three of ours.
     pub(super) fn all(rows: &[RowResults]) -> Vec<Self> {
         let of = |paper: &'static PaperRow| {
             let is_it = move |row: &&RowResults| match row.row {
-                BASE_ROW | PAPER_ROW => paper.detector == "network",
+                BASE_ROW | BOTH_ROW | PAPER_ROW => paper.detector == "network",
                 name => paper.detector == name,
             };
             rows.iter().filter(is_it).filter_map(move |row| {

@@ -12,13 +12,13 @@ use crate::detector::ClassOrder;
 use crate::gaussian::{Density, Gaussian, Scaling};
 use crate::spectrum::COEFFICIENTS;
 
-/// Features of `rig-only`: 13 MFCC and the level.
-pub(crate) const RIG_FEATURES: usize = COEFFICIENTS + 1;
-/// The features of `rig-only` and their squares.
-pub(crate) const RIG_TERMS: usize = 2 * RIG_FEATURES;
+/// Features of `rig-only` and `idle-noise`: 13 MFCC and the level; mean, mean square and mean change of the counts.
+pub(crate) const IDLE_FEATURES: usize = COEFFICIENTS + 4;
+/// These features and their squares.
+pub(crate) const IDLE_TERMS: usize = 2 * IDLE_FEATURES;
 
 /// Version of the file's layout and of the meaning of its numbers.
-pub const FORMAT: u32 = 2;
+pub const FORMAT: u32 = 3;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -35,7 +35,9 @@ pub struct Fitted {
     /// `clock`: training frames of each class in each quarter of a second since the episode began.
     pub(crate) clock: Vec<[u64; CLASSES]>,
     /// `rig-only`; absent if the training episodes were not generated.
-    pub(crate) rig_only: Option<RigFit>,
+    pub(crate) rig_only: Option<IdleFit>,
+    /// `idle-noise`, likewise.
+    pub(crate) idle_noise: Option<IdleFit>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -111,15 +113,27 @@ impl LikelihoodRatio {
     }
 }
 
-/// Two logistic regressions on the features of the rig's sound and their squares.
+/// Two logistic regressions on the features of untouched fingers and their squares.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct RigFit {
+pub struct IdleFit {
     pub(crate) scaling: Scaling,
     /// Slip against not slip.
     pub(crate) slip: Odds,
     /// Held against untouched, of the frames that do not slip.
     pub(crate) held: Odds,
+}
+
+impl IdleFit {
+    fn validate(&self) -> Result<()> {
+        self.scaling.validate(IDLE_FEATURES).context("scaling")?;
+        for (name, odds) in [("slip", &self.slip), ("held", &self.held)] {
+            ensure!(odds.weights.len() == IDLE_TERMS, "{name}.weights must hold {IDLE_TERMS}");
+            let finite = odds.weights.iter().chain([&odds.intercept]).all(|w| w.is_finite());
+            ensure!(finite, "{name}: weights and intercept must be finite");
+        }
+        Ok(())
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -175,13 +189,8 @@ impl Fitted {
         self.entropy.validate().context("entropy")?;
         self.mfcc.cut.validate().context("mfcc.cut")?;
         self.mfcc.ratio()?;
-        if let Some(rig) = &self.rig_only {
-            rig.scaling.validate(RIG_FEATURES).context("rig_only.scaling")?;
-            for (name, odds) in [("slip", &rig.slip), ("held", &rig.held)] {
-                ensure!(odds.weights.len() == RIG_TERMS, "rig_only.{name}.weights must hold {RIG_TERMS}");
-                let finite = odds.weights.iter().chain([&odds.intercept]).all(|w| w.is_finite());
-                ensure!(finite, "rig_only.{name}: weights and intercept must be finite");
-            }
+        for (detector, fit) in [("rig_only", &self.rig_only), ("idle_noise", &self.idle_noise)] {
+            fit.as_ref().map_or(Ok(()), IdleFit::validate).context(detector)?;
         }
         Ok(())
     }

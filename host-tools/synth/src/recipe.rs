@@ -117,7 +117,8 @@ pub enum Region {
 pub enum VibrationContent {
     #[default]
     All,
-    /// The crosshead's drive and the parts' own noise: for the detector that shows whether the rig gives slip away.
+    /// The crosshead's drive and the parts' own noise, pads untouched: for the detectors that show whether
+    /// rig or idle noise give slip away.
     RigOnly,
 }
 

@@ -4,16 +4,17 @@ pub(crate) mod network;
 #[cfg(feature = "float")]
 mod float;
 pub(crate) mod paper;
+pub(crate) mod idle;
 pub(crate) mod limits;
-pub(crate) mod rig_only;
 
 use std::path::Path;
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 
 use crate::detector::{Detector, thresholded};
 use crate::fitted::Fitted;
 
+use idle::Left;
 pub use network::Modality;
 use paper::{both, entropy, mfcc_qda};
 
@@ -35,7 +36,7 @@ pub struct Setup<'a> {
 }
 
 /// Names on the command line with what they are, in the order of the report.
-pub const DETECTORS: [(&str, &str); 12] = [
+pub const DETECTORS: [(&str, &str); 13] = [
     (NETWORK, "the firmware's pipeline, integers, by its classes"),
     (NETWORK_ALARM, "the same by its alarm, at the model's operating point"),
     (FLOAT, "the network before quantization, run by tract (needs the feature `train`)"),
@@ -45,7 +46,8 @@ pub const DETECTORS: [(&str, &str); 12] = [
     ("majority", "always the most frequent class"),
     ("always-slip", "slip whenever something is held"),
     ("clock", "knows the time since the episode began, nothing else"),
-    ("rig-only", "classifies the vibration of the test rig's drive, nothing else"),
+    ("rig-only", "classifies the vibration of the test rig's drive and untouched fingers, nothing else"),
+    ("idle-noise", "classifies the noise of untouched fingers, nothing else"),
     ("oracle", "true slip at the interface"),
     ("oracle-label", "the encoder label itself: the ceiling of every figure"),
 ];
@@ -73,7 +75,8 @@ pub fn by_name<'a>(name: &str, setup: &Setup<'a>) -> Result<Detector<'a>> {
             let clock = limits::Clock::new(&fitted.clock, fitted.class_frames);
             Box::new(move |episode| Ok(clock.predict(episode)))
         }
-        "rig-only" => rig_only::rig_only(fitted.rig_only.as_ref())?,
+        "rig-only" => idle::idle(fitted.rig_only.as_ref(), Left::Rig).context("rig-only")?,
+        "idle-noise" => idle::idle(fitted.idle_noise.as_ref(), Left::Noise).context("idle-noise")?,
         "oracle" => Box::new(limits::oracle),
         "oracle-label" => Box::new(limits::oracle_label),
         _ => {

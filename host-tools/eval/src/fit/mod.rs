@@ -16,8 +16,8 @@ use slipsense_recording::score::SLIP;
 use slipsense_synth::labels::NO_SLIP;
 
 use crate::detector::{ClassOrder, NEVER};
-use crate::detectors::rig_only;
-use crate::fitted::{Cutoff, DataUsed, FORMAT, Fitted, MfccFit, RigFit};
+use crate::detectors::idle;
+use crate::fitted::{Cutoff, DataUsed, FORMAT, Fitted, IDLE_FEATURES, IdleFit, MfccFit};
 use crate::gaussian::{Gaussian, Scaling};
 use crate::source::Handle;
 use logistic_regression::logistic_regression;
@@ -78,7 +78,8 @@ pub fn fit(episodes: &[Handle], source: &str, plan: Plan, done: impl Fn() + Sync
         entropy: fit_cutoff(&frames, &|f| f.entropy, plan.class_order),
         mfcc: fit_mfcc(&frames, plan.class_order)?,
         clock,
-        rig_only: fit_rig(&frames)?,
+        rig_only: fit_idle(&frames, &|f| f.rig)?,
+        idle_noise: fit_idle(&frames, &|f| f.noise)?,
     };
     fitted.validate()?;
     Ok(fitted)
@@ -115,13 +116,16 @@ fn fit_mfcc(frames: &[&Frame], order: ClassOrder) -> Result<MfccFit> {
     Ok(fit)
 }
 
+/// Features of one frame, `None` without a recipe.
+type Features<'a> = &'a dyn Fn(&Frame) -> Option<[f64; IDLE_FEATURES]>;
+
 /// `None` if not every episode has a recipe.
-fn fit_rig(frames: &[&Frame]) -> Result<Option<RigFit>> {
-    let Some(features) = frames.iter().map(|f| f.rig).collect::<Option<Vec<_>>>() else {
+fn fit_idle(frames: &[&Frame], of: Features) -> Result<Option<IdleFit>> {
+    let Some(features) = frames.iter().map(|f| of(f)).collect::<Option<Vec<_>>>() else {
         return Ok(None);
     };
     let scaling = Scaling::fit(&features);
-    let terms: Vec<_> = features.iter().map(|x| rig_only::terms(&scaling.apply(x))).collect();
+    let terms: Vec<_> = features.iter().map(|x| idle::terms(&scaling.apply(x))).collect();
     let odds = |chosen: &dyn Fn(&Frame) -> bool, class: u8| {
         let chosen = frames.iter().zip(&terms).filter(|(f, _)| chosen(f));
         let (terms, positive): (Vec<_>, Vec<_>) = chosen.map(|(f, terms)| (*terms, f.label == class)).unzip();
@@ -129,5 +133,5 @@ fn fit_rig(frames: &[&Frame]) -> Result<Option<RigFit>> {
     };
     let slip = odds(&|_| true, SLIP)?;
     let held = odds(&|f| f.label != SLIP, NO_SLIP)?;
-    Ok(Some(RigFit { scaling, slip, held }))
+    Ok(Some(IdleFit { scaling, slip, held }))
 }

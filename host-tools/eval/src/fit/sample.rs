@@ -6,10 +6,10 @@ use slipsense::params::CLASSES;
 use slipsense_recording::{Episode, Meta};
 
 use crate::detector::touched;
+use crate::detectors::idle::{IdleFeatures, Left, untouched};
 use crate::detectors::limits::CLOCK_BIN_FRAMES;
 use crate::detectors::paper::entropy;
-use crate::detectors::rig_only::{RigFeatures, rig_only_episode};
-use crate::fitted::RIG_FEATURES;
+use crate::fitted::IDLE_FEATURES;
 use crate::spectrum::{COEFFICIENTS, XlSpectrum};
 
 pub(super) struct Frame {
@@ -18,8 +18,10 @@ pub(super) struct Frame {
     pub entropy: f32,
     /// One per sensor.
     pub mfcc: Vec<[f64; COEFFICIENTS]>,
-    /// `None` where the episode has no recipe.
-    pub rig: Option<[f64; RIG_FEATURES]>,
+    /// Of the episode with untouched fingers; `None` where it has no recipe.
+    pub rig: Option<[f64; IDLE_FEATURES]>,
+    /// The same without the rig.
+    pub noise: Option<[f64; IDLE_FEATURES]>,
 }
 
 /// The used frames of one episode, and the frames of each class by time.
@@ -35,10 +37,11 @@ impl Sample {
         refuse_other_splits(&episode.meta)?;
         let label = episode.label.as_ref().context("array label is missing, needed to fit")?;
         let has_recipe = episode.meta.other.contains_key("recipe");
-        let rig = has_recipe.then(|| rig_only_episode(episode)).transpose()?;
+        let idle = |left| has_recipe.then(|| untouched(episode, left)).transpose();
+        let (rig, noise) = (idle(Left::Rig)?, idle(Left::Noise)?);
         let mut entropy = entropy();
         let mut spectra = vec![XlSpectrum::default(); episode.sensors];
-        let mut rig_features = RigFeatures::default();
+        let (mut of_rig, mut of_noise) = (IdleFeatures::default(), IdleFeatures::default());
         let mut clock = vec![[0; CLASSES]; episode.frames().div_ceil(CLOCK_BIN_FRAMES)];
         let mut frames = Vec::with_capacity(episode.frames().div_ceil(stride));
         for (frame, &label) in label.iter().enumerate() {
@@ -52,7 +55,8 @@ impl Sample {
                 touched: touched(episode, frame),
                 entropy: entropy(episode, frame),
                 mfcc: mfcc.collect(),
-                rig: rig.as_ref().map(|rig| rig_features.step(rig, frame)),
+                rig: rig.as_ref().map(|rig| of_rig.step(rig, frame)),
+                noise: noise.as_ref().map(|noise| of_noise.step(noise, frame)),
             };
             if frame.is_multiple_of(stride) {
                 frames.push(sample);

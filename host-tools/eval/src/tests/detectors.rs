@@ -18,6 +18,9 @@ use crate::source::Handle;
 
 const MODEL: &[u8] = &Aligned(*include_bytes!("../../../../model/weights/slipsense.slipnet")).0;
 
+/// They look at the recipe of an episode and at nothing else.
+const RECIPE_ALONE: [&str; 2] = ["rig-only", "idle-noise"];
+
 static FITTED: LazyLock<Fitted> = LazyLock::new(|| Fitted::bundled().unwrap());
 
 /// A generated episode, and what every detector predicts for it alone.
@@ -90,7 +93,7 @@ fn later_frames_and_samples_change_no_earlier_prediction() {
     let (whole, predictions) = &*WHOLE;
     let onset = whole.label.as_ref().unwrap().iter().position(|&class| class == 2).unwrap();
     // The rig's vibration is generated anew from the recipe of the whole episode; see the next test.
-    for name in names().filter(|name| *name != "rig-only") {
+    for name in names().filter(|name| !RECIPE_ALONE.contains(name)) {
         for frames in [1, 200, onset, onset + 3] {
             let part = &predict(name, &[&cut(whole, frames)])[0];
             let all = &predictions[name];
@@ -102,13 +105,16 @@ fn later_frames_and_samples_change_no_earlier_prediction() {
 }
 
 #[test]
-fn the_rig_detector_uses_nothing_but_the_recipe() {
+fn detectors_of_untouched_fingers_use_nothing_but_the_recipe() {
     let (whole, predictions) = &*WHOLE;
     let mut other = whole.clone();
     other.xl.iter_mut().for_each(|xl| xl.fill([i16::MAX; 3]));
     other.piezo.iter_mut().for_each(|scan| *scan = PiezoFrame::zeroed());
     other.label = None;
-    assert_eq!(predictions["rig-only"], predict("rig-only", &[&other])[0]);
+    for name in RECIPE_ALONE {
+        assert_eq!(predictions[name], predict(name, &[&other])[0]);
+    }
+    assert_ne!(predictions["rig-only"], predictions["idle-noise"]);
 }
 
 #[test]
@@ -118,7 +124,7 @@ fn state_goes_on_from_episode_to_episode() {
     let stream = joined(&first, &second);
     let mut carries = Vec::new();
     // The clock and the rig's recipe begin with each episode.
-    for name in names().filter(|name| !["rig-only", "clock"].contains(name)) {
+    for name in names().filter(|name| !RECIPE_ALONE.contains(name) && *name != "clock") {
         let apart = predict(name, &[&first, &second]);
         let whole = &predict(name, &[&stream])[0];
         assert_eq!(apart[1].score, whole.score[first.frames()..], "{name}: one recording or two episodes");
@@ -247,13 +253,16 @@ fn bad_setups_are_refused_in_words() {
     };
     assert!(error("entropi", setup()).contains("there are: network, "));
     assert!(error("network", Setup { model: &MODEL[..100], ..setup() }).starts_with("model: "));
-    let without = Fitted { rig_only: None, ..FITTED.clone() };
-    assert!(error("rig-only", Setup { fitted: &without, ..setup() }).contains("not fitted"));
+    let without = Fitted { rig_only: None, idle_noise: None, ..FITTED.clone() };
+    for name in RECIPE_ALONE {
+        let error = error(name, Setup { fitted: &without, ..setup() });
+        assert_eq!(error, format!("{name}: was not fitted: the training episodes carried no recipe"));
+    }
 
     let mut recorded = WHOLE.0.clone();
     recorded.meta.other.remove("recipe");
     recorded.slip_true_mm_s = None;
-    for (name, missing) in [("rig-only", "recipe"), ("oracle", "slip_true")] {
+    for (name, missing) in [("rig-only", "recipe"), ("idle-noise", "recipe"), ("oracle", "slip_true")] {
         let error = by_name(name, &setup()).unwrap()(&recorded).unwrap_err();
         assert!(error.to_string().contains(missing), "{error}");
     }

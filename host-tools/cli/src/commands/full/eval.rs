@@ -30,7 +30,7 @@ use crate::output::{OutputDir, is_partial, refuse_file, write_file};
 #[command(after_help = "\
 Detectors:
   network  network-alarm  float  entropy  mfcc-qda  entropy-and-mfcc  majority  always-slip  clock
-  rig-only  oracle  oracle-label
+  rig-only  idle-noise  oracle  oracle-label
 
 Files written to the output folder:
   metrics.json  every number; units are in the keys

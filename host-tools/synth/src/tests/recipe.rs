@@ -71,9 +71,11 @@ fn objects_slip_in_any_named_grip() {
             println!("{scenario:?}, {mu}, {grip_n} N: frames of slip {frames:?}, moving in {moving:.2?}");
             assert!(found.iter().all(|(_, named)| *named == grip_n));
             // The encoder sees the pull from its start, before the interface slips. Hands are soft: a firm,
-            // sticky grip may give way by jerks too short to count as slip, and then is not labelled so.
+            // sticky grip may give way by jerks of a few frames, or too short to count as slip and not labelled so.
             let by_hand = scenario != SixStep && grip_n > 2.0;
-            let honest = |(&n, &share): (&usize, &f64)| (n > 5 && share > 0.5) || (by_hand && n == 0);
+            let honest = |(&n, &share): (&usize, &f64)| {
+                n > if by_hand { 0 } else { 5 } && share > 0.5 || (by_hand && n == 0)
+            };
             assert!(frames.iter().zip(&moving).all(honest));
         }
     }

@@ -40,7 +40,7 @@ fn scenarios_without_slip_neither_slip_nor_say_so() {
 #[test]
 fn scenarios_with_slip_slip_at_about_the_speed_of_the_recipe() {
     for scenario in [SixStep, FreePull, Rotation] {
-        for (speed, seconds) in [(2.0, 9.0), (10.0, 4.0), (18.0, 3.0)] {
+        for (speed, seconds) in [(2.0, 12.0), (10.0, 4.0), (18.0, 3.0)] {
             let mut recipes = series(scenario, seconds, 11, 5);
             recipes.iter_mut().for_each(|recipe| recipe.speed_mm_s = Some(speed));
             let medians = generate_set(&recipes, |_, e| {

@@ -70,7 +70,7 @@ fn idle_mean(unit: &FilmUnit, session: &FilmSession) -> f64 {
     const PHASES: usize = 32;
     let noise = noise_codes(unit);
     // Offsets have parts of a code: rounding adds 1/12.
-    let sigma = (noise * session.noise_factor).hypot(1.0 / 12f64.sqrt());
+    let sigma = libm::hypot(noise * session.noise_factor, 1.0 / 12f64.sqrt());
     let clipped = |level: f64| -> f64 {
         let reaches = |n| noise::above((f64::from(law::code(n)) - 0.5 - level) / sigma);
         (1..16).map(reaches).sum()
@@ -133,7 +133,7 @@ fn noise_of_a_loaded_taxel_is_as_drawn() {
         let of_code = |cell: usize| {
             let counts = taxel(&frames, cell);
             let slope = 1.0 - mean(&counts) / transfer::asymptote_counts();
-            (variance(&counts) - 1.0 / 12.0) / slope.powi(4)
+            (variance(&counts) - 1.0 / 12.0) / libm::pow(slope, 4.0)
         };
         let alive = map.loaded.iter().filter(|&&c| unit.gain[c] > 0.0);
         let variances: Vec<f64> = alive.map(|&c| of_code(c)).collect();

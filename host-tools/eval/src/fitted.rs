@@ -12,7 +12,8 @@ use crate::detector::ClassOrder;
 use crate::gaussian::{Density, Gaussian, Scaling};
 use crate::spectrum::COEFFICIENTS;
 
-/// Features of `rig-only` and `idle-noise`: 13 MFCC and the level; mean, mean square and mean change of the counts.
+/// Features of `rig-only` and `idle-noise`: 13 MFCC and the level; mean, mean square and mean change of the counts,
+/// which are 0 for `rig-only`.
 pub(crate) const IDLE_FEATURES: usize = COEFFICIENTS + 4;
 /// These features and their squares.
 pub(crate) const IDLE_TERMS: usize = 2 * IDLE_FEATURES;

@@ -3,8 +3,8 @@
 //!
 //! A generated episode carries its recipe; the detector generates the episode again with untouched pads and
 //! every vibration off but the crosshead's drive (`rig-only`) or that too (`idle-noise`), and classifies that:
-//! 13 MFCC and the level (ln of the mean square) of the accelerometers, mean, mean square and mean change of the
-//! counts, each the mean over the sensors, and their squares. Two logistic regressions fitted on the training
+//! 13 MFCC and the level (ln of the mean square) of the accelerometers, for `idle-noise` mean, mean square and mean
+//! change of the counts too, each the mean over the sensors, and their squares. Two logistic regressions fitted on the training
 //! episodes give the probability of slip, and of a held object where nothing slips; the class is the likeliest.
 //! Calibrated probabilities matter here: where nothing is told they are the classes' shares and the answer is
 //! the majority's, while discriminants with wrong densities would guess, and guessing by itself has a higher
@@ -42,17 +42,24 @@ pub(crate) fn untouched(episode: &Episode, left: Left) -> Result<Episode> {
 }
 
 /// Features of an episode with untouched fingers, frame by frame.
-#[derive(Default)]
 pub(crate) struct IdleFeatures {
+    left: Left,
     sensors: PerSensor<XlSpectrum>,
 }
 
 impl IdleFeatures {
+    pub(crate) fn new(left: Left) -> Self {
+        Self { left, sensors: PerSensor::default() }
+    }
+
     pub(crate) fn step(&mut self, idle: &Episode, frame: usize) -> [f64; FEATURES] {
         let mut mean = [0.0; FEATURES];
         for (sensor, spectrum) in self.sensors.get(idle.sensors).iter_mut().enumerate() {
             spectrum.push_frame(idle, frame, sensor);
-            let counts = counts(idle, frame, sensor);
+            let counts = match self.left {
+                Left::Rig => [0.0; 3],
+                Left::Noise => counts(idle, frame, sensor),
+            };
             let features = spectrum.mfcc().into_iter().chain([spectrum.log_level()]).chain(counts);
             mean.iter_mut().zip(features).for_each(|(m, x)| *m += x / idle.sensors as f64);
         }
@@ -80,7 +87,7 @@ pub(crate) fn terms(z: &[f64; FEATURES]) -> [f64; TERMS] {
 /// The score is slip's probability less the larger of the other two; threshold 0.
 pub(super) fn idle(fit: Option<&IdleFit>, left: Left) -> Result<Detector<'static>> {
     let fit = fit.context("was not fitted: the training episodes carried no recipe")?.clone();
-    let mut features = IdleFeatures::default();
+    let mut features = IdleFeatures::new(left);
     Ok(Box::new(move |episode| {
         let idle = untouched(episode, left)?;
         Ok(Prediction::by_frame(idle.frames(), 0.0, |frame| {

@@ -46,7 +46,7 @@ pub const DETECTORS: [(&str, &str); 13] = [
     ("majority", "always the most frequent class"),
     ("always-slip", "slip whenever something is held"),
     ("clock", "knows the time since the episode began, nothing else"),
-    ("rig-only", "classifies the vibration of the test rig's drive and untouched fingers, nothing else"),
+    ("rig-only", "classifies the vibration of the test rig's drive, nothing else"),
     ("idle-noise", "classifies the noise of untouched fingers, nothing else"),
     ("oracle", "true slip at the interface"),
     ("oracle-label", "the encoder label itself: the ceiling of every figure"),

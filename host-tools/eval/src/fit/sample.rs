@@ -41,7 +41,7 @@ impl Sample {
         let (rig, noise) = (idle(Left::Rig)?, idle(Left::Noise)?);
         let mut entropy = entropy();
         let mut spectra = vec![XlSpectrum::default(); episode.sensors];
-        let (mut of_rig, mut of_noise) = (IdleFeatures::default(), IdleFeatures::default());
+        let [mut of_rig, mut of_noise] = [Left::Rig, Left::Noise].map(IdleFeatures::new);
         let mut clock = vec![[0; CLASSES]; episode.frames().div_ceil(CLOCK_BIN_FRAMES)];
         let mut frames = Vec::with_capacity(episode.frames().div_ceil(stride));
         for (frame, &label) in label.iter().enumerate() {

@@ -288,11 +288,12 @@ fn a_comparison_goes_on_with_what_is_missing() {
 
     // These are done: their files, the time it took included, stay.
     let integers = read("integers-1.json");
-    run_reproduce(&reproduce_args(&out, &["base", "xl", "integers", "mined", "wide", "distilled"])).unwrap();
+    run_reproduce(&reproduce_args(&out, &["base", "both", "xl", "integers", "mined", "wide", "distilled"]))
+        .unwrap();
     assert_eq!([read("base-1.json"), read("integers-1.json")], [base.clone(), integers]);
     let results = common::json(&out.join("comparisons.json"));
     let rows: Vec<_> = results["rows"].as_array().unwrap().iter().map(|row| &row["row"]).collect();
-    assert_eq!(rows, ["base", "xl", "mined", "integers", "wide", "distilled"]);
+    assert_eq!(rows, ["base", "both", "xl", "mined", "integers", "wide", "distilled"]);
     assert!(read("report.txt").contains("does not hold") || read("report.txt").contains("cannot be told"));
     assert!(read("example.svg").contains("accelerometers"));
     // The paper's figures beside ours: of the whole network, and of accelerometers alone.

@@ -192,11 +192,17 @@ fn print_bus(done: &Done, comparison: &Comparison, queued_us: f64) {
     println!("a frame in the FDCAN's queue: at most {worst_us:.1} us from its request to its end");
 }
 
-/// The longest time from a tick until its slip message was in the FDCAN's queue; 0 without one.
+/// The longest time from a tick until its slip message was in the FDCAN's queue; 0 without one. A message behind
+/// ones that never reached the bus does not count: it waited for the bus to return, however late in its frame that was.
 fn queued_us(done: &Done, slips: &[Slip]) -> f64 {
     let ahead_ns = clock_ahead_ns(done, slips);
     let requested: HashMap<u64, u64> = done.requests.iter().map(|&(from, to)| (to, from)).collect();
-    let waits_ns = slips.iter().filter_map(|slip| {
+    let lost_before = |before: Option<&Slip>, slip: &Slip| {
+        before.is_some_and(|before| before.message.sequence.wrapping_add(1) != slip.message.sequence)
+    };
+    let before = std::iter::once(None).chain(slips.iter().map(Some));
+    let in_order = slips.iter().zip(before).filter(|(slip, before)| !lost_before(*before, slip));
+    let waits_ns = in_order.filter_map(|(slip, _)| {
         let from = *requested.get(&slip.end_ns)?;
         Some(from.saturating_sub(tick_ns(&slip.message, ahead_ns)))
     });

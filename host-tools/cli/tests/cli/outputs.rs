@@ -27,7 +27,9 @@ fn check(folder: &Path, episode: &Episode) -> (Predictions, Value) {
     check_log(&folder.join("can.log"), &predictions, episode, &summary);
     let svg = fs::read_to_string(folder.join("timeline.svg")).unwrap();
     let report = fs::read_to_string(folder.join("report.html")).unwrap();
-    assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>") && !svg.contains("NaN"));
+    assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
+    // The letters of a picture's bytes may happen to spell it.
+    assert!(svg.split('"').all(|part| part.contains("base64,") || !part.contains("NaN")));
     assert!(svg.len() < 1_500_000, "{} bytes", svg.len());
     assert!(report.contains(svg.trim_end()) && !report.contains("{{"));
     for outside in ["src=\"http", "href=\"http", "url(", "@import"] {

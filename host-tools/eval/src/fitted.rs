@@ -114,7 +114,7 @@ impl LikelihoodRatio {
     }
 }
 
-/// Two logistic regressions on the features of untouched fingers and their squares.
+/// Two logistic regressions on the features of `rig-only` or `idle-noise` and their squares.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct IdleFit {

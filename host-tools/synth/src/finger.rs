@@ -266,7 +266,7 @@ impl<'a> EpisodeSetup<'a> {
         let share = self.shares[sensor];
         let timeline = &self.plan.timeline;
         let grip: Vec<f64> = timeline.grip_n.iter().map(|n| n * share).collect();
-        let untouched = self.resolved.recipe.vibration_content == VibrationContent::RigOnly;
+        let untouched = self.resolved.recipe.vibration_content == VibrationContent::IdleNoise;
         let (mut map, nothing) = (PressureMap::empty(), PressureMap::empty());
         let (mut map_n, mut sliding) = (0.0, SlipState::default());
         let (mut slip, mut turn_rad, mut loaded) = (SlipSeries::default(), Vec::new(), Vec::new());

@@ -117,9 +117,10 @@ pub enum Region {
 pub enum VibrationContent {
     #[default]
     All,
-    /// The crosshead's drive and the parts' own noise, pads untouched: for the detectors that show whether
-    /// rig or idle noise give slip away.
+    /// The crosshead's drive and the parts' own noise: for the detector that shows whether the rig gives slip away.
     RigOnly,
+    /// The parts' own noise, pads untouched: for the detector that shows whether idle noise gives slip away.
+    IdleNoise,
 }
 
 const fn two() -> usize {

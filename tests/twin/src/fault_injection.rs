@@ -33,6 +33,13 @@ pub enum Kind {
     AdcStuck,
 }
 
+impl Kind {
+    /// Nothing that the board sends arrives meanwhile.
+    pub fn takes_the_bus(self) -> bool {
+        matches!(self, Self::NoAcknowledge | Self::ErrorFrames { per_million: 1_000_000 })
+    }
+}
+
 /// A fault and when, in virtual nanoseconds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fault {

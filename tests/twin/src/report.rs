@@ -11,6 +11,7 @@ use slipsense_recording::candump::CandumpWriter;
 
 use crate::arguments::Arguments;
 use crate::compare::{Comparison, Slip, clock_ahead_ns, compare, tick_ns};
+use crate::fault_injection::Faults;
 use crate::fault_schedule;
 use crate::fdcan::wire::{Logged, MCU, can_frame};
 use crate::fitted::Fitted;
@@ -58,7 +59,7 @@ pub fn print(done: &Done, fitted: &Fitted, arguments: &Arguments) -> Result<bool
     }
     let comparison = compare(done, episode)?;
     let expected_only = print_reports(done);
-    let queued_us = queued_us(done, &comparison.slips);
+    let queued_us = queued_us(done, faults, &comparison.slips);
     print_bus(done, &comparison, queued_us);
     print_comparison(done, &comparison, episode.is_some());
     let recoveries = Recovery::of_run(done, faults, &comparison.slips);
@@ -192,19 +193,18 @@ fn print_bus(done: &Done, comparison: &Comparison, queued_us: f64) {
     println!("a frame in the FDCAN's queue: at most {worst_us:.1} us from its request to its end");
 }
 
-/// The longest time from a tick until its slip message was in the FDCAN's queue; 0 without one. A message behind
-/// ones that never reached the bus does not count: it waited for the bus to return, however late in its frame that was.
-fn queued_us(done: &Done, slips: &[Slip]) -> f64 {
+/// The longest time from a tick, or from the return of a bus that was lost then, until its slip message was in the
+/// FDCAN's queue; 0 without one.
+fn queued_us(done: &Done, faults: &Faults, slips: &[Slip]) -> f64 {
     let ahead_ns = clock_ahead_ns(done, slips);
     let requested: HashMap<u64, u64> = done.requests.iter().map(|&(from, to)| (to, from)).collect();
-    let lost_before = |before: Option<&Slip>, slip: &Slip| {
-        before.is_some_and(|before| before.message.sequence.wrapping_add(1) != slip.message.sequence)
-    };
-    let before = std::iter::once(None).chain(slips.iter().map(Some));
-    let in_order = slips.iter().zip(before).filter(|(slip, before)| !lost_before(*before, slip));
-    let waits_ns = in_order.filter_map(|(slip, _)| {
+    let waits_ns = slips.iter().filter_map(|slip| {
         let from = *requested.get(&slip.end_ns)?;
-        Some(from.saturating_sub(tick_ns(&slip.message, ahead_ns)))
+        let tick_ns = tick_ns(&slip.message, ahead_ns);
+        let lost =
+            faults.all().iter().filter(|fault| fault.kind.takes_the_bus() && fault.when.contains(&tick_ns));
+        let possible_ns = lost.map(|fault| fault.when.end).fold(tick_ns, u64::max);
+        Some(from.saturating_sub(possible_ns))
     });
     waits_ns.max().unwrap_or(0) as f64 / 1000.0
 }

@@ -1,14 +1,14 @@
 //! `rig-only` and `idle-noise`: classify fingers that nothing touches, to show whether the test rig or the
 //! sensors' noise give slip away.
 //!
-//! A generated episode carries its recipe; the detector generates the episode again with untouched pads and
-//! every vibration off but the crosshead's drive (`rig-only`) or that too (`idle-noise`), and classifies that:
-//! 13 MFCC and the level (ln of the mean square) of the accelerometers, for `idle-noise` mean, mean square and mean
-//! change of the counts too, each the mean over the sensors, and their squares. Two logistic regressions fitted on the training
-//! episodes give the probability of slip, and of a held object where nothing slips; the class is the likeliest.
-//! Calibrated probabilities matter here: where nothing is told they are the classes' shares and the answer is
-//! the majority's, while discriminants with wrong densities would guess, and guessing by itself has a higher
-//! macro F1 than the majority class. Only generated episodes have a recipe, others are refused.
+//! A generated episode carries its recipe; the detector generates the episode again with every vibration off but
+//! the crosshead's drive (`rig-only`), or with that off too and untouched pads (`idle-noise`), and classifies
+//! that: 13 MFCC and the level (ln of the mean square) of the accelerometers, for `idle-noise` mean, mean square and
+//! mean change of the counts too, each the mean over the sensors, and their squares. Two logistic regressions
+//! fitted on the training episodes give the probability of slip, and of a held object where nothing slips; the
+//! class is the likeliest. Calibrated probabilities matter here: where nothing is told they are the classes' shares
+//! and the answer is the majority's, while discriminants with wrong densities would guess, and guessing by itself
+//! has a higher macro F1 than the majority class. Only generated episodes have a recipe, others are refused.
 
 use anyhow::{Context, Result, bail, ensure};
 use slipsense::params::TAXELS;
@@ -19,47 +19,35 @@ use crate::detector::{Detector, PerSensor, Prediction};
 use crate::fitted::{IDLE_FEATURES as FEATURES, IDLE_TERMS as TERMS, IdleFit};
 use crate::spectrum::XlSpectrum;
 
-/// What is left of an episode where nothing touches the fingers.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Left {
-    /// The crosshead's drive and the parts' noise.
-    Rig,
-    /// The parts' noise.
-    Noise,
-}
-
-/// The episode generated again without all else.
-pub(crate) fn untouched(episode: &Episode, left: Left) -> Result<Episode> {
+/// The episode generated again with this vibration alone.
+pub(crate) fn generated_again(episode: &Episode, content: VibrationContent) -> Result<Episode> {
     let Some(recipe) = episode.meta.other.get("recipe") else {
         bail!("rig-only and idle-noise need a generated episode: its meta has no \"recipe\"");
     };
     let recipe: Recipe = serde_json::from_value(recipe.clone()).context("meta: recipe")?;
-    let rig_leak = recipe.rig_leak && matches!(left, Left::Rig);
-    let idle = generate(&Recipe { vibration_content: VibrationContent::RigOnly, rig_leak, ..recipe })?;
+    let idle = generate(&Recipe { vibration_content: content, ..recipe })?;
     let same = idle.sensors == episode.sensors && idle.xl_end == episode.xl_end;
     ensure!(same, "meta: recipe makes another episode than this one; another generator made it");
     Ok(idle)
 }
 
-/// Features of an episode with untouched fingers, frame by frame.
+/// Features of such an episode, frame by frame.
 pub(crate) struct IdleFeatures {
-    left: Left,
+    content: VibrationContent,
     sensors: PerSensor<XlSpectrum>,
 }
 
 impl IdleFeatures {
-    pub(crate) fn new(left: Left) -> Self {
-        Self { left, sensors: PerSensor::default() }
+    pub(crate) fn new(content: VibrationContent) -> Self {
+        Self { content, sensors: PerSensor::default() }
     }
 
     pub(crate) fn step(&mut self, idle: &Episode, frame: usize) -> [f64; FEATURES] {
         let mut mean = [0.0; FEATURES];
         for (sensor, spectrum) in self.sensors.get(idle.sensors).iter_mut().enumerate() {
             spectrum.push_frame(idle, frame, sensor);
-            let counts = match self.left {
-                Left::Rig => [0.0; 3],
-                Left::Noise => counts(idle, frame, sensor),
-            };
+            let untouched = self.content == VibrationContent::IdleNoise;
+            let counts = if untouched { counts(idle, frame, sensor) } else { [0.0; 3] };
             let features = spectrum.mfcc().into_iter().chain([spectrum.log_level()]).chain(counts);
             mean.iter_mut().zip(features).for_each(|(m, x)| *m += x / idle.sensors as f64);
         }
@@ -85,11 +73,11 @@ pub(crate) fn terms(z: &[f64; FEATURES]) -> [f64; TERMS] {
 }
 
 /// The score is slip's probability less the larger of the other two; threshold 0.
-pub(super) fn idle(fit: Option<&IdleFit>, left: Left) -> Result<Detector<'static>> {
+pub(super) fn idle(fit: Option<&IdleFit>, content: VibrationContent) -> Result<Detector<'static>> {
     let fit = fit.context("was not fitted: the training episodes carried no recipe")?.clone();
-    let mut features = IdleFeatures::new(left);
+    let mut features = IdleFeatures::new(content);
     Ok(Box::new(move |episode| {
-        let idle = untouched(episode, left)?;
+        let idle = generated_again(episode, content)?;
         Ok(Prediction::by_frame(idle.frames(), 0.0, |frame| {
             let terms = terms(&fit.scaling.apply(&features.step(&idle, frame)));
             let (slip, held) = (fit.slip.probability(&terms), fit.held.probability(&terms));

@@ -10,11 +10,11 @@ pub(crate) mod limits;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
+use slipsense_synth::VibrationContent;
 
 use crate::detector::{Detector, thresholded};
 use crate::fitted::Fitted;
 
-use idle::Left;
 pub use network::Modality;
 use paper::{both, entropy, mfcc_qda};
 
@@ -75,8 +75,10 @@ pub fn by_name<'a>(name: &str, setup: &Setup<'a>) -> Result<Detector<'a>> {
             let clock = limits::Clock::new(&fitted.clock, fitted.class_frames);
             Box::new(move |episode| Ok(clock.predict(episode)))
         }
-        "rig-only" => idle::idle(fitted.rig_only.as_ref(), Left::Rig).context("rig-only")?,
-        "idle-noise" => idle::idle(fitted.idle_noise.as_ref(), Left::Noise).context("idle-noise")?,
+        "rig-only" => idle::idle(fitted.rig_only.as_ref(), VibrationContent::RigOnly).context("rig-only")?,
+        "idle-noise" => {
+            idle::idle(fitted.idle_noise.as_ref(), VibrationContent::IdleNoise).context("idle-noise")?
+        }
         "oracle" => Box::new(limits::oracle),
         "oracle-label" => Box::new(limits::oracle_label),
         _ => {

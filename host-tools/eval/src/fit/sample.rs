@@ -4,9 +4,10 @@ use anyhow::{Context, Result, ensure};
 use serde_json::Value;
 use slipsense::params::CLASSES;
 use slipsense_recording::{Episode, Meta};
+use slipsense_synth::VibrationContent::{IdleNoise, RigOnly};
 
 use crate::detector::touched;
-use crate::detectors::idle::{IdleFeatures, Left, untouched};
+use crate::detectors::idle::{IdleFeatures, generated_again};
 use crate::detectors::limits::CLOCK_BIN_FRAMES;
 use crate::detectors::paper::entropy;
 use crate::fitted::IDLE_FEATURES;
@@ -18,9 +19,9 @@ pub(super) struct Frame {
     pub entropy: f32,
     /// One per sensor.
     pub mfcc: Vec<[f64; COEFFICIENTS]>,
-    /// Of the episode with untouched fingers; `None` where it has no recipe.
+    /// With the rig alone; `None` where the episode has no recipe.
     pub rig: Option<[f64; IDLE_FEATURES]>,
-    /// The same without the rig.
+    /// With idle noise alone, likewise.
     pub noise: Option<[f64; IDLE_FEATURES]>,
 }
 
@@ -37,11 +38,11 @@ impl Sample {
         refuse_other_splits(&episode.meta)?;
         let label = episode.label.as_ref().context("array label is missing, needed to fit")?;
         let has_recipe = episode.meta.other.contains_key("recipe");
-        let idle = |left| has_recipe.then(|| untouched(episode, left)).transpose();
-        let (rig, noise) = (idle(Left::Rig)?, idle(Left::Noise)?);
+        let idle = |content| has_recipe.then(|| generated_again(episode, content)).transpose();
+        let (rig, noise) = (idle(RigOnly)?, idle(IdleNoise)?);
         let mut entropy = entropy();
         let mut spectra = vec![XlSpectrum::default(); episode.sensors];
-        let [mut of_rig, mut of_noise] = [Left::Rig, Left::Noise].map(IdleFeatures::new);
+        let [mut of_rig, mut of_noise] = [RigOnly, IdleNoise].map(IdleFeatures::new);
         let mut clock = vec![[0; CLASSES]; episode.frames().div_ceil(CLOCK_BIN_FRAMES)];
         let mut frames = Vec::with_capacity(episode.frames().div_ceil(stride));
         for (frame, &label) in label.iter().enumerate() {

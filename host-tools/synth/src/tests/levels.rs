@@ -42,17 +42,12 @@ fn slips(speed_mm_s: f64) -> Recipe {
 
 /// Median over episodes of the level in slip, mg, less the power of quiet frames with the object held.
 fn slip_mg(recipe: &Recipe) -> f64 {
-    let recipes = recipe.series(30);
-    let own = |n: usize, e: Episode| {
+    let own = |e: Episode| {
         let rms = rms_mg(&e, 33);
-        // With the rig alone nothing touches the pads, and the labels say so.
-        let all = Recipe { vibration_content: VibrationContent::All, ..recipes[n].clone() };
-        let whole = if recipes[n] == all { e } else { generate(&all).unwrap() };
-        let of = |label| of_label(&whole, &rms, label);
-        let (slip, quiet) = (median(of(SLIP)), quantile(of(NO_SLIP), 0.2));
+        let (slip, quiet) = (median(of_label(&e, &rms, SLIP)), quantile(of_label(&e, &rms, NO_SLIP), 0.2));
         (slip * slip - quiet * quiet).max(0.0).sqrt()
     };
-    median(generate_set(&recipes, own).unwrap())
+    median(generate_set(&recipe.series(30), |_, e| own(e)).unwrap())
 }
 
 static SLIP_MG: LazyLock<[f64; 5]> = LazyLock::new(|| SPEEDS_MM_S.map(|v| slip_mg(&slips(v))));

@@ -130,7 +130,7 @@ impl Vibration {
             }
             self.hand_motion.add(scene, &mut motion);
         }
-        if scene.rig_leak {
+        if scene.rig_leak && scene.content != VibrationContent::IdleNoise {
             self.rig.add(scene, &mut motion);
         }
         self.hand_motion.add_gravity(&mut motion);

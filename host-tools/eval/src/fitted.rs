@@ -46,7 +46,7 @@ pub struct Fitted {
 pub struct DataUsed {
     /// In words, with the seed.
     pub source: String,
-    /// Always `train`.
+    /// Always `train`: what the paper's baselines are fitted on.
     pub split: String,
     pub generator: String,
     pub episodes: u64,

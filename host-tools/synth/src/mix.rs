@@ -28,6 +28,8 @@ pub enum ScenarioChoice {
     Rotation,
     /// The gripper is carried about with the object: motion, steps, knocks; two in five end in slip.
     HandHeld,
+    /// The gripper is carried about with nothing in it; the jaws close on nothing.
+    CarriedEmpty,
     /// Nothing but disturbances, with grasps held and released. No slip.
     Disturbances,
 }
@@ -36,6 +38,11 @@ impl ScenarioChoice {
     /// The gripper stands in its fixture at the rig; a hand or an arm carries it in the others.
     pub(crate) fn on_rig(self) -> bool {
         matches!(self, Self::SixStep | Self::Empty | Self::Unlinked | Self::FirmGrip | Self::RigMotion)
+    }
+
+    /// The jaws close on nothing.
+    pub(crate) fn empty(self) -> bool {
+        matches!(self, Self::Empty | Self::CarriedEmpty)
     }
 }
 
@@ -54,11 +61,15 @@ pub(crate) const PROTOCOL: Mix =
 pub(crate) const FREE: Mix = &[(FreePull, 5), (Rotation, 4), (FreeGrasp, 1)];
 
 /// Everything that a hand, an arm or a rig does with an object: for families of physics beside the laboratory's.
+/// Empty jaws at the rig and carried about are as many as it takes for no contact to be the likeliest class whether
+/// or not the crosshead moves; without them a still crosshead would mean a hand, and a hand an object.
 pub(crate) const ANYWHERE: Mix = &[
     (SixStep, 5),
+    (Empty, 3),
     (FreePull, 6),
     (Rotation, 4),
     (HandHeld, 2),
+    (CarriedEmpty, 4),
     (FirmGrip, 1),
     (Unlinked, 1),
     (RigMotion, 1),

@@ -1,4 +1,5 @@
-//! Thresholds, class densities and tables of the detectors, fitted on the training split and nothing else.
+//! Thresholds, class densities and tables of the detectors, fitted on the training splits and nothing else:
+//! the paper's baselines on `train`, the detectors that must find no shortcut on `train_anywhere`, too.
 //!
 //! One pass over the episodes, in parallel, keeps scores and features of every [`Plan::stride`]th frame;
 //! everything is then fitted on those, in the order of the episodes, so that the same episodes give the
@@ -33,15 +34,25 @@ pub struct Plan {
     pub class_order: ClassOrder,
 }
 
-/// Fit everything on these episodes, loaded on all cores and in any order, few at a time. `source` says
+/// Fit everything on these episodes of the laboratory, and `clock`, `rig-only` and `idle-noise` on those of
+/// other families (`anywhere`), too; loaded on all cores and in any order, few at a time. `source` says
 /// where they come from; `done` is called after each.
 ///
 /// Refuses an episode that is not of the training split: one whose meta says `split` must say `train`, one
 /// that does not must not be of a held-out object (`held_out`).
-pub fn fit(episodes: &[Handle], source: &str, plan: Plan, done: impl Fn() + Sync) -> Result<Fitted> {
+pub fn fit(
+    laboratory: &[Handle],
+    anywhere: &[Handle],
+    source: &str,
+    plan: Plan,
+    done: impl Fn() + Sync,
+) -> Result<Fitted> {
     ensure!(plan.stride > 0, "the stride must be at least 1");
-    let samples = episodes.par_iter().map(|handle| {
-        let sample = Sample::new(&handle.load()?, plan.stride).with_context(|| handle.name())?;
+    let episodes: Vec<_> = laboratory.iter().chain(anywhere).enumerate().collect();
+    let samples = episodes.into_par_iter().map(|(n, handle)| {
+        let of_laboratory = n < laboratory.len();
+        let sample =
+            Sample::new(&handle.load()?, of_laboratory, plan.stride).with_context(|| handle.name())?;
         done();
         Ok(sample)
     });
@@ -58,9 +69,10 @@ pub fn fit(episodes: &[Handle], source: &str, plan: Plan, done: impl Fn() + Sync
         }
     }
     let frames: Vec<&Frame> = samples.iter().flat_map(|sample| &sample.frames).collect();
+    let paper: Vec<&Frame> = frames.iter().copied().filter(|frame| frame.laboratory).collect();
     let all_frames = class_frames.iter().sum();
-    ensure!(frames.iter().any(|f| f.label == SLIP), "no slip among the training frames");
-    ensure!(frames.iter().any(|f| f.label != SLIP), "nothing but slip among the training frames");
+    ensure!(paper.iter().any(|f| f.label == SLIP), "no slip among the training frames");
+    ensure!(paper.iter().any(|f| f.label != SLIP), "nothing but slip among the training frames");
 
     let fitted = Fitted {
         format: FORMAT,
@@ -75,8 +87,8 @@ pub fn fit(episodes: &[Handle], source: &str, plan: Plan, done: impl Fn() + Sync
             frames_used: frames.len() as u64,
         },
         class_frames,
-        entropy: fit_cutoff(&frames, &|f| f.entropy, plan.class_order),
-        mfcc: fit_mfcc(&frames, plan.class_order)?,
+        entropy: fit_cutoff(&paper, &|f| f.entropy, plan.class_order),
+        mfcc: fit_mfcc(&paper, plan.class_order)?,
         clock,
         rig_only: fit_idle(&frames, &|f| f.rig)?,
         idle_noise: fit_idle(&frames, &|f| f.noise)?,

@@ -15,6 +15,8 @@ use crate::spectrum::{COEFFICIENTS, XlSpectrum};
 
 pub(super) struct Frame {
     pub label: u8,
+    /// Of the laboratory, as the paper's baselines are; the others count for `clock`, `rig-only` and `idle-noise` alone.
+    pub laboratory: bool,
     pub touched: bool,
     pub entropy: f32,
     /// One per sensor.
@@ -34,7 +36,7 @@ pub(super) struct Sample {
 
 impl Sample {
     /// From a training episode: frames 0, `stride`, 2 · `stride` and so on.
-    pub(super) fn new(episode: &Episode, stride: usize) -> Result<Self> {
+    pub(super) fn new(episode: &Episode, laboratory: bool, stride: usize) -> Result<Self> {
         refuse_other_splits(&episode.meta)?;
         let label = episode.label.as_ref().context("array label is missing, needed to fit")?;
         let has_recipe = episode.meta.other.contains_key("recipe");
@@ -53,6 +55,7 @@ impl Sample {
             });
             let sample = Frame {
                 label,
+                laboratory,
                 touched: touched(episode, frame),
                 entropy: entropy(episode, frame),
                 mfcc: mfcc.collect(),

@@ -295,9 +295,9 @@ fn fitting_repeats_itself_and_refuses_held_out_objects() {
     let handle = |recipe: Recipe| Handle::Recipe { name: "this one".into(), recipe: Box::new(recipe) };
     let episodes: Vec<_> = base.series(4).into_iter().map(handle).collect();
     let plan = Plan { stride: 4, class_order: ClassOrder::SlipFirst };
-    let run = || fit(&episodes, "test", plan, || ()).unwrap();
+    let run = || fit(&episodes, &[], "test", plan, || ()).unwrap();
     assert_eq!(run(), run());
     let held_out = [handle(Recipe { object: ObjectChoice::HeldOut, ..base })];
-    let error = format!("{:#}", fit(&held_out, "test", plan, || ()).unwrap_err());
+    let error = format!("{:#}", fit(&held_out, &[], "test", plan, || ()).unwrap_err());
     assert!(error.starts_with("this one: ") && error.contains("held out"), "{error}");
 }

@@ -159,7 +159,7 @@ impl Plan {
         grasps: &[Grasp],
         disturbances: &Disturbances,
     ) {
-        let object = resolved.scenario != ScenarioChoice::Empty;
+        let object = !resolved.scenario.empty();
         let most_n = self.gives_way_n(resolved);
         if let Some(named) = resolved.recipe.grip_n.filter(|&named| named > most_n) {
             // All forces of the pull grow alike, so that it reaches the slip as surely as with a drawn grip.
@@ -248,7 +248,7 @@ impl Plan {
                     self.by_hand(rng, &mut way);
                 }
             }
-            S::Empty | S::Unlinked | S::RigMotion | S::Random => self.pull_n_per_mm = 0.0,
+            S::Empty | S::CarriedEmpty | S::Unlinked | S::RigMotion | S::Random => self.pull_n_per_mm = 0.0,
         }
         if resolved.scenario != S::Rotation {
             self.twist_n_mm_per_rad = 0.0;

@@ -241,7 +241,7 @@ fn run(rng: &mut Rng, resolved: &ResolvedRecipe, motion: &Trapezoid) -> Vec<Phas
             add(Hold, vary, 0.0);
             add(Pull, motion.seconds(way), rng.sign());
         }
-        S::FreeGrasp => add(Hold, rng.log_uniform(CARRY_S), 0.0),
+        S::FreeGrasp | S::CarriedEmpty => add(Hold, rng.log_uniform(CARRY_S), 0.0),
         S::HandHeld => {
             add(Hold, rng.log_uniform(CARRY_S), 0.0);
             if resolved.slips_at_end {

@@ -84,17 +84,17 @@ splits! {
     /// The same of the objects of `val`.
     ValAnywhere "val_anywhere" 32,
     /// Test: pulls on the rig and by hand, twists, carrying; both hands, families of physics that training may see.
-    TransferKnown "transfer_known" 20,
+    TransferKnown "transfer_known" 27,
     /// The same with the held-out family of one stage: contact.
-    TransferContact "transfer_contact" 20,
-    TransferFriction "transfer_friction" 20,
-    TransferFilm "transfer_film" 20,
-    TransferSource "transfer_source" 20,
-    TransferPath "transfer_path" 20,
-    TransferDisturbance "transfer_disturbance" 20,
-    TransferSensor "transfer_sensor" 20,
+    TransferContact "transfer_contact" 27,
+    TransferFriction "transfer_friction" 27,
+    TransferFilm "transfer_film" 27,
+    TransferSource "transfer_source" 27,
+    TransferPath "transfer_path" 27,
+    TransferDisturbance "transfer_disturbance" 27,
+    TransferSensor "transfer_sensor" 27,
     /// The held-out families of all stages at once.
-    TransferAll "transfer_all" 40,
+    TransferAll "transfer_all" 54,
     /// Test: half an hour of everything but slip, in the held-out families of all stages, for false alarms per hour.
     TransferNoslip "transfer_noslip" 30,
 }

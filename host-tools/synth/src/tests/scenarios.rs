@@ -17,12 +17,12 @@ fn series(scenario: ScenarioChoice, seconds: f64, seed: u64, count: usize) -> Ve
 
 #[test]
 fn scenarios_without_slip_neither_slip_nor_say_so() {
-    for scenario in [Empty, Unlinked, FreeGrasp, FirmGrip, RigMotion, Disturbances] {
+    for scenario in [Empty, CarriedEmpty, Unlinked, FreeGrasp, FirmGrip, RigMotion, Disturbances] {
         let seconds = if scenario == Disturbances { 8.0 } else { 4.0 };
         let gross = generate_set(&series(scenario, seconds, 7, 6), |_, e| {
             assert_eq!(count(&e, SLIP), 0, "{scenario:?}");
-            assert_eq!(count(&e, NO_SLIP) > 0, scenario != Empty, "{scenario:?}");
-            if scenario == Empty {
+            assert_eq!(count(&e, NO_SLIP) > 0, !scenario.empty(), "{scenario:?}");
+            if scenario.empty() {
                 let sum: u64 = e.piezo.iter().map(|p| u64::from(p.sum())).sum();
                 let mean = sum as f64 / (e.piezo.len() * ACTIVE_TAXELS) as f64;
                 assert!(mean < 0.9 && mean > 0.0, "an untouched pad reads {mean} counts");
@@ -158,9 +158,19 @@ fn palm_moves_the_patch_8_to_12_mm() {
 fn metadata_say_what_was_made() {
     let keys = "platform synthetic source licence object object_kind held_out scenario region speed_mm_s \
                 grip_n units rig_leak seed recipe events draws label_rule slip_frames_without_contact";
-    for scenario in
-        [SixStep, Empty, Unlinked, FreeGrasp, FirmGrip, RigMotion, FreePull, Rotation, HandHeld, Disturbances]
-    {
+    for scenario in [
+        SixStep,
+        Empty,
+        Unlinked,
+        FreeGrasp,
+        FirmGrip,
+        RigMotion,
+        FreePull,
+        Rotation,
+        HandHeld,
+        CarriedEmpty,
+        Disturbances,
+    ] {
         let recipe = Recipe { scenario, seconds: Some(2.5), ..Recipe::new(31) };
         let e = generate(&recipe).unwrap();
         e.validate().unwrap();

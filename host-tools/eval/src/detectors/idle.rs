@@ -6,7 +6,7 @@
 //! that: 13 MFCC and the level (ln of the mean square) of the accelerometers, for `idle-noise` mean, mean square and
 //! mean change of the counts too, each the mean over the sensors, and their squares. Two logistic regressions
 //! fitted on the training episodes give the probability of slip, and of a held object where nothing slips; the
-//! class is the likeliest. Calibrated probabilities matter here: where nothing is told they are the classes' shares
+//! class is the likeliest. Calibrated probabilities matter here: without information they are the classes' shares
 //! and the answer is the majority's, while discriminants with wrong densities would guess, and guessing by itself
 //! has a higher macro F1 than the majority class. Only generated episodes have a recipe, others are refused.
 

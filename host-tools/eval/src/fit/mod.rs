@@ -69,10 +69,10 @@ pub fn fit(
         }
     }
     let frames: Vec<&Frame> = samples.iter().flat_map(|sample| &sample.frames).collect();
-    let paper: Vec<&Frame> = frames.iter().copied().filter(|frame| frame.laboratory).collect();
+    let baseline: Vec<&Frame> = frames.iter().copied().filter(|frame| frame.laboratory).collect();
     let all_frames = class_frames.iter().sum();
-    ensure!(paper.iter().any(|f| f.label == SLIP), "no slip among the training frames");
-    ensure!(paper.iter().any(|f| f.label != SLIP), "nothing but slip among the training frames");
+    ensure!(baseline.iter().any(|f| f.label == SLIP), "no slip among the training frames");
+    ensure!(baseline.iter().any(|f| f.label != SLIP), "nothing but slip among the training frames");
 
     let fitted = Fitted {
         format: FORMAT,
@@ -87,8 +87,8 @@ pub fn fit(
             frames_used: frames.len() as u64,
         },
         class_frames,
-        entropy: fit_cutoff(&paper, &|f| f.entropy, plan.class_order),
-        mfcc: fit_mfcc(&paper, plan.class_order)?,
+        entropy: fit_cutoff(&baseline, &|f| f.entropy, plan.class_order),
+        mfcc: fit_mfcc(&baseline, plan.class_order)?,
         clock,
         rig_only: fit_idle(&frames, &|f| f.rig)?,
         idle_noise: fit_idle(&frames, &|f| f.noise)?,

@@ -158,19 +158,9 @@ fn palm_moves_the_patch_8_to_12_mm() {
 fn metadata_say_what_was_made() {
     let keys = "platform synthetic source licence object object_kind held_out scenario region speed_mm_s \
                 grip_n units rig_leak seed recipe events draws label_rule slip_frames_without_contact";
-    for scenario in [
-        SixStep,
-        Empty,
-        Unlinked,
-        FreeGrasp,
-        FirmGrip,
-        RigMotion,
-        FreePull,
-        Rotation,
-        HandHeld,
-        CarriedEmpty,
-        Disturbances,
-    ] {
+    let rig = [SixStep, Empty, Unlinked, FirmGrip, RigMotion];
+    let hand = [FreeGrasp, FreePull, Rotation, HandHeld, CarriedEmpty, Disturbances];
+    for scenario in rig.into_iter().chain(hand) {
         let recipe = Recipe { scenario, seconds: Some(2.5), ..Recipe::new(31) };
         let e = generate(&recipe).unwrap();
         e.validate().unwrap();
@@ -180,7 +170,7 @@ fn metadata_say_what_was_made() {
             assert!(meta.contains_key(key), "{key}");
         }
         assert_eq!((&meta["platform"], &meta["synthetic"]), (&"umi".into(), &true.into()));
-        let rig = [SixStep, Empty, Unlinked, FirmGrip, RigMotion].contains(&scenario);
+        let rig = rig.contains(&scenario);
         assert_eq!(meta["label_rule"], if rig { "encoder" } else { "interface" });
         assert_eq!(meta.contains_key("slip_direction"), !rig, "{scenario:?}");
         let pulls = rig || [FreePull, Rotation].contains(&scenario) || count(&e, SLIP) > 0;

@@ -23,7 +23,14 @@ pub(super) enum Face {
     /// Half width of a round thing's plateau at the reference, its growth with force, and the plateau's flatness.
     Conforming { half_mm: f64, exponent: f64, flatness: f64 },
     /// Width of the summits and the depth of their heights.
-    Summits { width_mm: f64, depth_mm: f64, summits: Vec<Summit> },
+    Summits {
+        width_mm: f64,
+        depth_mm: f64,
+        summits: Vec<Summit>,
+        /// Indices of the summits, sorted by their `u_mm`.
+        #[serde(skip)]
+        by_u: Vec<usize>,
+    },
     /// Half width of a ball's patch and of a rod's at the reference; what rounds the edges of a flat punch.
     HalfSpace { half_mm: f64, edge: f64 },
 }
@@ -48,7 +55,8 @@ impl Face {
             ContactFamily::Summits => {
                 let (pitch_mm, depth_mm) = (rng.log_between(1.0, 3.0), rng.log_between(0.02, 0.15));
                 let half = half_mm(object);
-                let summits = (0..(4.0 * half[0] * half[1] / (pitch_mm * pitch_mm)).ceil() as usize + 1)
+                let count = (4.0 * half[0] * half[1] / (pitch_mm * pitch_mm)).ceil() as usize + 1;
+                let summits: Vec<_> = (0..count)
                     .map(|_| {
                         let (u_mm, v_mm) = (rng.between(-half[0], half[0]), rng.between(-half[1], half[1]));
                         let shape_mm = object.shape.bare_gap_mm(0.98 * u_mm, 0.98 * v_mm);
@@ -57,7 +65,9 @@ impl Face {
                     })
                     .filter(|summit| summit.below_mm.is_finite())
                     .collect();
-                Self::Summits { width_mm: pitch_mm * rng.between(0.25, 0.6), depth_mm, summits }
+                let mut by_u: Vec<_> = (0..summits.len()).collect();
+                by_u.sort_by(|&a, &b| summits[a].u_mm.total_cmp(&summits[b].u_mm));
+                Self::Summits { width_mm: pitch_mm * rng.between(0.25, 0.6), depth_mm, summits, by_u }
             }
             ContactFamily::HalfSpace => {
                 Self::HalfSpace { half_mm: rng.log_between(0.8, 3.0), edge: rng.log_between(0.03, 0.3) }
@@ -75,12 +85,12 @@ impl Face {
         out: &mut PressureMap,
     ) {
         let half = half_mm(object);
-        let mut pressures = [0.0; TAXELS];
+        let (mut pressures, mut near) = ([0.0; TAXELS], Vec::new());
         for cell in active_cells() {
             let (u, v) = place(cell);
             if u.abs() < half[0] && v.abs() < half[1] {
                 let lean = 1.0 + (tilt[0] * u / half[0] + tilt[1] * v / half[1]) / TILT_FULL;
-                pressures[cell] = self.at(object, force_n, (u, v), half) * lean.clamp(0.0, 2.0);
+                pressures[cell] = self.at(object, force_n, (u, v), half, &mut near) * lean.clamp(0.0, 2.0);
             }
         }
         let highest = pressures.iter().fold(0.0, |a: f64, &p| a.max(p));
@@ -90,7 +100,14 @@ impl Face {
         }
     }
 
-    fn at(&self, object: &Object, force_n: f64, (u, v): (f64, f64), half: [f64; 2]) -> f64 {
+    fn at(
+        &self,
+        object: &Object,
+        force_n: f64,
+        (u, v): (f64, f64),
+        half: [f64; 2],
+        near: &mut Vec<usize>,
+    ) -> f64 {
         let force = force_n / REFERENCE_N;
         match self {
             Self::Conforming { half_mm, exponent, flatness } => {
@@ -103,18 +120,24 @@ impl Face {
                 let side = |x: f64, a: f64| (1.0 - pow((x / a).abs(), *flatness)).max(0.0);
                 side(u, a) * side(v, b)
             }
-            Self::Summits { width_mm, depth_mm, summits } => {
+            Self::Summits { width_mm, depth_mm, summits, by_u } => {
                 let depth = depth_mm * (2.0 + log(force.max(1e-3))).max(0.3);
-                let near = summits.iter().filter(|s| {
-                    s.below_mm < depth
-                        && (s.u_mm - u).abs() < 2.5 * width_mm
-                        && (s.v_mm - v).abs() < 2.5 * width_mm
-                });
-                near.map(|s| {
-                    let (du, dv) = ((s.u_mm - u) / width_mm, (s.v_mm - v) / width_mm);
-                    (depth - s.below_mm) * exp(-0.5 * (du * du + dv * dv))
-                })
-                .sum()
+                let reach = 2.5 * width_mm;
+                let first = by_u.partition_point(|&s| summits[s].u_mm - u <= -reach);
+                let across = by_u[first..].iter().copied().take_while(|&s| summits[s].u_mm - u < reach);
+                near.clear();
+                near.extend(
+                    across.filter(|&s| summits[s].below_mm < depth && (summits[s].v_mm - v).abs() < reach),
+                );
+                // Summed as drawn: a float sum depends on the order.
+                near.sort_unstable();
+                near.iter()
+                    .map(|&s| {
+                        let Summit { u_mm, v_mm, below_mm } = summits[s];
+                        let (du, dv) = ((u_mm - u) / width_mm, (v_mm - v) / width_mm);
+                        (depth - below_mm) * exp(-0.5 * (du * du + dv * dv))
+                    })
+                    .sum()
             }
             Self::HalfSpace { half_mm, edge } => {
                 let punch = |x: f64, a: f64| 1.0 / (1.0 - (x / a) * (x / a) + edge).sqrt();

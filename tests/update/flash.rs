@@ -62,6 +62,7 @@ pub struct Cells<const SECTOR: usize> {
     pub power: u64,
     pub steps: u64,
     pub erases: u32,
+    pub bytes_read: u64,
     pub tear: Tear,
     /// Does an erase begin at the sector's end?
     pub backwards: bool,
@@ -81,6 +82,7 @@ impl<const SECTOR: usize> Cells<SECTOR> {
             power: u64::MAX,
             steps: 0,
             erases: 0,
+            bytes_read: 0,
             tear: Tear::Nothing,
             backwards: false,
             stuck: None,
@@ -171,6 +173,7 @@ impl<const SECTOR: usize> ReadNorFlash for Cells<SECTOR> {
 
     async fn read(&mut self, offset: u32, out: &mut [u8]) -> Result<(), Failure> {
         out.copy_from_slice(&self.bytes[offset as usize..offset as usize + out.len()]);
+        self.bytes_read += out.len() as u64;
         Ok(())
     }
 

@@ -21,8 +21,9 @@ const GROUPS: usize = CLASSES + 2;
 const SHARES: [u32; GROUPS] = [1, 5, 2, 4, 4];
 /// Frames that count as the first of a slip: those that decide how fast it is noticed.
 const ONSET_FRAMES: usize = 30;
-/// How often each is drawn where frames are to be as they come: the classes' shares in the paper, %.
-const SHARES_AS_RECORDED: [u32; GROUPS] = [58, 19, 23, 0, 0];
+/// How often each is drawn where [contact is learned](Options::learns_contact), %: no contact as often as in the paper's
+/// recordings, nearly.
+const SHARES_WITH_CONTACT: [u32; GROUPS] = [45, 17, 18, 20, 0];
 
 /// What a frame without contact counts in the loss: the pads decide it by themselves.
 const NO_CONTACT_WEIGHT: f32 = 0.2;
@@ -44,8 +45,8 @@ pub struct Options {
     pub xl_augmentation: bool,
     /// See [`Sequences::extreme_weight`].
     pub extreme_weight: Option<f32>,
-    /// Whether frames are drawn as they come and weigh the same.
-    pub as_recorded: bool,
+    /// Whether contact is learned too, so that frames without it count as much as others.
+    pub learns_contact: bool,
 }
 
 impl Default for Options {
@@ -54,7 +55,7 @@ impl Default for Options {
             pads: PadView::default(),
             xl_augmentation: true,
             extreme_weight: Some(2.0),
-            as_recorded: false,
+            learns_contact: false,
         }
     }
 }
@@ -141,12 +142,8 @@ impl<'e> Sampler<'e> {
             .zip(batch.weight.par_chunks_exact_mut(self.frames))
             .for_each(|(((((seed, piezo), xl), label), target), weight)| {
                 let start = self.sequence(seed, piezo, xl, (label, target));
-                if self.options.as_recorded {
-                    let cold = if start > 0 { COLD_FRAMES.min(self.frames) } else { 0 };
-                    weight[cold..].fill(1.0);
-                } else {
-                    weigh(label, start, weight);
-                }
+                let no_contact = if self.options.learns_contact { 1.0 } else { NO_CONTACT_WEIGHT };
+                weigh(label, start, no_contact, weight);
                 if start > 0 {
                     target[..COLD_FRAMES.min(self.frames)].fill(Target::Either);
                 }
@@ -163,7 +160,7 @@ impl<'e> Sampler<'e> {
         (label, target): (&mut [u8], &mut [Target]),
     ) -> usize {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let shares = if self.options.as_recorded { SHARES_AS_RECORDED } else { SHARES };
+        let shares = if self.options.learns_contact { SHARES_WITH_CONTACT } else { SHARES };
         let there = || self.groups.iter().zip(shares).filter(|(frames, _)| !frames.is_empty());
         let dice = rng.random_range(0..there().map(|(_, share)| share).sum::<u32>());
         let mut shares = there().flat_map(|(frames, share)| std::iter::repeat_n(frames, share as usize));
@@ -211,7 +208,7 @@ impl<'e> Sampler<'e> {
 }
 
 /// What the frames of a sequence that begins at frame `start` of its episode count in the loss.
-fn weigh(label: &[u8], start: usize, weight: &mut [f32]) {
+fn weigh(label: &[u8], start: usize, no_contact: f32, weight: &mut [f32]) {
     for (t, weight) in weight.iter_mut().enumerate() {
         let changed = (t.saturating_sub(CHANGE_FRAMES)..t).any(|u| label[u] != label[u + 1]);
         let soon = label[t] != SLIP && label[t..].iter().take(BEFORE_FRAMES + 1).any(|&l| l == SLIP);
@@ -220,7 +217,7 @@ fn weigh(label: &[u8], start: usize, weight: &mut [f32]) {
         } else if soon {
             BEFORE_WEIGHT
         } else if label[t] == 0 {
-            NO_CONTACT_WEIGHT
+            no_contact
         } else if changed && label[t] == SLIP {
             ONSET_WEIGHT
         } else if changed {
@@ -241,14 +238,14 @@ mod tests {
         label[50..60].fill(SLIP);
         label[90..].fill(0);
         let mut weight = vec![9.0; 100];
-        weigh(&label, 5, &mut weight);
+        weigh(&label, 5, NO_CONTACT_WEIGHT, &mut weight);
         assert!(weight[..COLD_FRAMES].iter().all(|&w| w == 0.0));
         assert_eq!(weight[COLD_FRAMES..45].iter().sum::<f32>(), (45 - COLD_FRAMES) as f32);
         assert_eq!(weight[45..53], [1.0, 0.2, 0.2, 0.2, 0.2, 5.0, 5.0, 5.0]);
         // Slip for 10 frames, then 12 after its end.
         assert_eq!((weight[59], weight[71], weight[72]), (5.0, 3.0, 1.0));
         assert_eq!((weight[89], weight[95]), (1.0, 0.2));
-        weigh(&label, 0, &mut weight);
+        weigh(&label, 0, NO_CONTACT_WEIGHT, &mut weight);
         assert_eq!(weight[0], 1.0);
     }
 }

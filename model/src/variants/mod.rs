@@ -92,8 +92,8 @@ pub struct Variant {
     pub families: bool,
     /// Does the detector's loss weigh events, else all frames alike.
     pub event_loss: bool,
-    /// Do its sequences hold frames as they come, each with the same weight, as the paper's.
-    pub as_recorded: bool,
+    /// Does it learn what contact is too, from frames that count as much as others.
+    pub learns_contact: bool,
 }
 
 impl Variant {
@@ -116,7 +116,7 @@ pub const BASE: Variant = Variant {
     xl_augmentation: true,
     families: true,
     event_loss: true,
-    as_recorded: false,
+    learns_contact: false,
 };
 
 /// Where a row's weights come from.
@@ -181,9 +181,9 @@ const fn fusion(fusion: Fusion) -> Variant {
     Variant { fusion, ..BASE }
 }
 
-/// The paper's comparison of modalities: in the laboratory alone, on frames as they come.
+/// The paper's comparison of modalities: in the laboratory alone, all three trained alike.
 const fn modality(modality: Modality) -> Variant {
-    Variant { modality, families: false, event_loss: false, as_recorded: true, ..BASE }
+    Variant { modality, families: false, learns_contact: true, ..BASE }
 }
 
 const NO_CHANGE: Variant = Variant { pads: PadView { side: TAXEL_ROWS, change: false }, ..BASE };

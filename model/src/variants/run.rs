@@ -171,12 +171,12 @@ impl Run<'_> {
 
     /// Of the training episodes that the row sees, and of mined stretches.
     fn sampler<'s>(&'s self, row: &Row, mined: &'s [Features], frames: usize) -> Result<Sampler<'s>> {
-        let Variant { pads, xl_augmentation, families, event_loss, as_recorded, .. } = row.variant;
+        let Variant { pads, xl_augmentation, families, event_loss, learns_contact, .. } = row.variant;
         let extreme_weight = Options::default().extreme_weight.filter(|_| event_loss);
         let seen =
             self.sets.train.iter().enumerate().filter(|(place, _)| families || is_of_laboratory(*place));
         let episodes = seen.map(|(_, episode)| episode).chain(mined);
-        let options = Options { pads, xl_augmentation, extreme_weight, as_recorded };
+        let options = Options { pads, xl_augmentation, extreme_weight, learns_contact };
         Sampler::new(episodes, frames, options)
     }
 

@@ -51,13 +51,12 @@ fn second_turn(j: usize, n: usize, m: usize) -> usize {
     (j + j / (n * m / gcd(n, m))) % m
 }
 
-/// Angle of the `j`-th pull of one of `object_schedules` groups of objects from the rig's direction, degrees from -150
-/// to 180. Groups take turns, so that between them the other directions come equally often.
-fn pull_angle_deg(j: usize, objects: usize, object_schedules: usize) -> f64 {
+/// Angle of the `j`-th pull from the rig's direction, degrees from -150 to 180; the other directions come equally often.
+fn pull_angle_deg(j: usize) -> f64 {
     if j % VERTICAL_EVERY == VERTICAL_EVERY - 1 {
         return 0.0;
     }
-    let other = (j - j / VERTICAL_EVERY) * object_schedules + objects;
+    let other = j - j / VERTICAL_EVERY;
     // Eleven directions, the full circle but the rig's: four steps of 30° at a time, so that neighbours in time are not
     // neighbours in direction.
     let angle_deg = 30.0 * (1 + (4 * other) % 11) as f64;
@@ -117,42 +116,25 @@ pub(crate) struct Schedule {
     split: Split,
     seed: u64,
     round: Vec<(usize, usize)>,
-    /// `[kind of event][group of objects that take turns]`; one of each for `noslip`.
-    object_schedules: Vec<Vec<ObjectSchedule>>,
+    /// For each kind of event.
+    object_schedules: Vec<ObjectSchedule>,
 }
 
 impl Schedule {
     pub(crate) fn new(split: Split, seed: u64) -> Self {
-        let groups: &[&[Group]] = match split {
-            Split::Train | Split::UmiId | Split::TrainAnywhere => &[&[Group::Train]],
-            Split::Val | Split::ValAnywhere => &[&[Group::Val]],
-            Split::Noslip | Split::TransferNoslip => &[&[Group::Val, Group::HeldOut]],
-            Split::Tesollo2 | Split::Tesollo3 | Split::Free => &[&[Group::HeldOut], &[Group::Train]],
+        let groups: &[Group] = match split {
+            Split::Train | Split::UmiId | Split::TrainAnywhere => &[Group::Train],
+            Split::Val | Split::ValAnywhere => &[Group::Val],
+            Split::Noslip | Split::TransferNoslip => &[Group::Val, Group::HeldOut],
+            // Repeats two others.
             Split::UmiQuiet => &[],
-            Split::UmiOod
-            | Split::Palm
-            | Split::TransferKnown
-            | Split::TransferContact
-            | Split::TransferFriction
-            | Split::TransferFilm
-            | Split::TransferSource
-            | Split::TransferPath
-            | Split::TransferDisturbance
-            | Split::TransferSensor
-            | Split::TransferAll => &[&[Group::HeldOut]],
+            _ => &[Group::HeldOut],
         };
-        let objects = |kind: usize, turn: usize, groups: &[Group]| {
-            ObjectSchedule::shuffled(groups, hashed(&format!("slipsense/{split}/{seed}/order/{kind}/{turn}")))
-        };
-        let object_schedules =
-            |kind| groups.iter().enumerate().map(|(turn, group)| objects(kind, turn, group)).collect();
         let mix = mix(split);
-        Self {
-            split,
-            seed,
-            round: round(mix),
-            object_schedules: (0..mix.len()).map(object_schedules).collect(),
-        }
+        let objects = |kind| {
+            ObjectSchedule::shuffled(groups, hashed(&format!("slipsense/{split}/{seed}/order/{kind}/0")))
+        };
+        Self { split, seed, round: round(mix), object_schedules: (0..mix.len()).map(objects).collect() }
     }
 
     pub(crate) fn recipe(&self, index: usize) -> Recipe {
@@ -162,14 +144,12 @@ impl Schedule {
         }
         let recipe = Recipe::new(episode_seed(self.split, self.seed, index));
         if matches!(self.split, Split::Noslip | Split::TransferNoslip) {
-            return in_families(self.split, noslip(recipe, &self.object_schedules[0][0], index));
+            return in_families(self.split, noslip(recipe, &self.object_schedules[0], index));
         }
         let (kind, before) = self.round[index % self.round.len()];
         let (scenario, weight) = mix(self.split)[kind];
         let j = index / self.round.len() * weight + before;
-        let object_schedules = &self.object_schedules[kind];
-        let (turn, j) = (j % object_schedules.len(), j / object_schedules.len());
-        let objects = &object_schedules[turn];
+        let objects = &self.object_schedules[kind];
         let (platform, sensors) = match self.split {
             Split::Tesollo2 => (Platform::Tesollo, 2),
             Split::Tesollo3 => (Platform::Tesollo, 3),
@@ -185,8 +165,7 @@ impl Schedule {
             region: if self.split == Split::Palm { Region::Palm } else { Region::Centre },
             sensors,
             speed_mm_s: (scenario != ScenarioChoice::FreeGrasp).then(|| objects.speed_mm_s(j)),
-            pull_angle_deg: (scenario == ScenarioChoice::FreePull)
-                .then(|| pull_angle_deg(j, turn, object_schedules.len())),
+            pull_angle_deg: (scenario == ScenarioChoice::FreePull).then(|| pull_angle_deg(j)),
             ..recipe
         };
         in_families(self.split, recipe)

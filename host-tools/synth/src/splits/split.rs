@@ -71,13 +71,13 @@ splits! {
     UmiQuiet "umi_quiet" 176,
     /// Test: objects never trained on, held towards the palm.
     Palm "palm" 32,
-    /// Test: another hand with two fingers; objects trained on and never trained on in turn.
+    /// Test: another hand with two fingers, objects never trained on.
     Tesollo2 "tesollo2" 32,
-    /// Test: another hand with three fingers; objects as in `tesollo2`.
+    /// The same with three fingers.
     Tesollo3 "tesollo3" 32,
     /// Test: long episodes of everything but slip, on all hands, for false alarms per hour.
     Noslip "noslip" 60,
-    /// Test: away from the rig. Pulls by hand all ways in the pad's plane, and twists; objects as in `tesollo2`.
+    /// Test: away from the rig. Pulls by hand all ways in the pad's plane, and twists; objects never trained on.
     Free "free" 80,
     /// Training beside `train`: pulls on the rig and by hand, twists, carrying; both hands, families that training may see.
     TrainAnywhere "train_anywhere" 0,

@@ -97,7 +97,7 @@ fn speeds_and_objects_take_turns() {
         let per_object = counts(slips.iter().map(|recipe| object(recipe)));
         assert_eq!(speeds.len(), SPEEDS_MM_S.len(), "{split}");
         assert!(spread(&speeds) <= 2, "{split}: {speeds:?}");
-        assert!(split == Split::Tesollo2 || spread(&per_object) <= 1, "{split}: {per_object:?}");
+        assert!(spread(&per_object) <= 1, "{split}: {per_object:?}");
     }
     // As soon as there can be, there is every pair of object and speed.
     let recipes = first(Split::UmiOod, 9, 100);
@@ -116,8 +116,9 @@ fn groups_of_objects_do_not_mix() {
     assert_eq!(train, get(Split::UmiId), "new grasps of the same objects");
     assert!(train.is_disjoint(&val) && train.is_disjoint(&held_out) && val.is_disjoint(&held_out));
     assert_eq!(train.len() + val.len() + held_out.len(), objects::CATALOGUE.len(), "each object has its use");
-    assert_eq!(get(Split::UmiOod), held_out);
-    assert_eq!(get(Split::Palm), held_out);
+    for split in [Split::UmiOod, Split::Palm, Split::Tesollo2, Split::Tesollo3, Split::Free] {
+        assert_eq!(get(split), held_out, "{split}");
+    }
     assert!(get(Split::Noslip).is_disjoint(&train), "no trained object among the false alarms");
     for split in Split::ALL.into_iter().filter(|split| split.held_out_stages().is_some()) {
         let objects = get(split);
@@ -132,12 +133,6 @@ fn groups_of_objects_do_not_mix() {
             let held_out: Vec<_> = Stage::ALL.into_iter().filter(|&stage| held_out(stage)).collect();
             assert_eq!(held_out, stages, "{split}");
         }
-    }
-    for split in [Split::Tesollo2, Split::Tesollo3] {
-        let recipes = first(split, 0, 40);
-        let unseen = recipes.iter().filter(|recipe| held_out.contains(object(recipe))).count();
-        within(format!("{split}: episodes of 40 with objects never trained on"), unseen as f64, 18.0..=22.0);
-        assert!(objects_of(&recipes).is_disjoint(&val));
     }
 }
 
@@ -169,18 +164,11 @@ fn the_free_split_pulls_all_ways_and_twists() {
     let of = |scenario| recipes.iter().filter(|recipe| recipe.scenario == scenario).count();
     use ScenarioChoice::{FreeGrasp, FreePull, Rotation};
     assert_eq!([FreePull, Rotation, FreeGrasp].map(of), [40, 32, 8]);
-    let held_out: BTreeSet<_> = names(of_group(Group::HeldOut));
-    let unseen = recipes.iter().filter(|recipe| held_out.contains(object(recipe))).count();
-    assert_eq!(unseen, 40, "half the time");
     assert!(recipes.iter().all(|r| r.pull_angle_deg.is_some() == (r.scenario == ScenarioChoice::FreePull)));
-    for of_held_out in [true, false] {
-        let pulls = recipes.iter().filter(|r| held_out.contains(object(r)) == of_held_out);
-        let vertical = pulls.filter(|r| r.pull_angle_deg == Some(0.0)).count();
-        assert_eq!(vertical, 5, "the rig's way by hand, held out: {of_held_out}");
-    }
     let angles = counts(recipes.iter().filter_map(|recipe| recipe.pull_angle_deg).map(|deg| deg as i32));
     let all: BTreeSet<i32> = (-5..=6).map(|step| 30 * step).collect();
     assert_eq!(angles.keys().copied().collect::<BTreeSet<_>>(), all);
+    assert_eq!(angles[&0], 10, "the rig's way by hand");
     let others: BTreeSet<usize> = angles.iter().filter(|(deg, _)| **deg != 0).map(|(_, n)| *n).collect();
     assert_eq!(others, [2, 3].into(), "equally often");
 }

@@ -10,6 +10,7 @@ use crate::families::Stage;
 use crate::mix::{PROTOCOL, ScenarioChoice};
 use crate::objects::{self, Group, of_group};
 use crate::recipe::{ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S};
+use crate::scenario::plan;
 use crate::scenario::script::{PhaseKind, Script};
 use crate::{generate, generate_set, plan_frames};
 
@@ -132,6 +133,41 @@ fn groups_of_objects_do_not_mix() {
             let held_out = |stage| recipe.family(stage) == recipe.clone().holding_out(stage).family(stage);
             let held_out: Vec<_> = Stage::ALL.into_iter().filter(|&stage| held_out(stage)).collect();
             assert_eq!(held_out, stages, "{split}");
+        }
+    }
+}
+
+/// The sum of a pad's pressures is the force on it, whatever touches: "train pressure distribution covers test" in the
+/// paper. By the plans alone, while something is held.
+#[test]
+fn training_grips_as_gently_and_as_firmly_as_the_tests() {
+    const FROM_N: [f64; 7] = [0.1, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0];
+    let histogram = |split: Split| -> Vec<f64> {
+        let held = |recipe: Recipe| {
+            let resolved = recipe.resolve().unwrap();
+            let rng = |of| stream(recipe.seed, of, 0);
+            let script = Script::draw(&mut rng(Stream::Script), &resolved);
+            let plan = plan(&mut rng(Stream::Scenario), &resolved, script);
+            plan.timeline.grip_n.into_iter().filter(|&n| n >= FROM_N[0]).step_by(100).collect::<Vec<_>>()
+        };
+        let forces: Vec<f64> = first(split, 0, 120).into_iter().flat_map(held).collect();
+        let share = |bin: usize| {
+            let is_in = |&&n: &&f64| n >= FROM_N[bin] && FROM_N.get(bin + 1).is_none_or(|&end| n < end);
+            forces.iter().filter(is_in).count() as f64 / forces.len() as f64
+        };
+        (0..FROM_N.len()).map(share).collect()
+    };
+    let train = histogram(Split::Train);
+    println!("held with, N, from {FROM_N:?}: {train:.3?} of the time in train");
+    for split in [Split::UmiId, Split::UmiOod, Split::Palm, Split::Tesollo2, Split::Tesollo3, Split::Free] {
+        let test = histogram(split);
+        println!("{split}: {test:.3?}");
+        for (bin, (train, test)) in train.iter().zip(test).enumerate() {
+            within(
+                format!("{split}, from {} N: train over test", FROM_N[bin]),
+                (train + 0.005) / (test + 0.005),
+                0.5..,
+            );
         }
     }
 }

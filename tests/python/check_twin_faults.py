@@ -43,6 +43,7 @@ async def check_flags(client, operations):
         if number % UPDATE_EACH == UPDATE_EACH // 2:
             await client.update(MODEL, "model.slip", f"model received and accepted, {size} bytes")
             updates += 1
+            print(f"{number + 1} of {operations} stores and updates", flush=True)
         else:
             # There is a pause of ten seconds between stores, of the twin's clock; a start ends it.
             await client.restart()

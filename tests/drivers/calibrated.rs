@@ -6,6 +6,7 @@ use std::rc::Rc;
 
 use embassy_futures::block_on;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slipsense::board::{FrameSource, SensorFrame, TaxelScan};
@@ -64,13 +65,16 @@ impl Pad {
         let offsets = each(&mut |rng| f64::from(IDLE_CODE) + LSB * rng.random_range(OFFSETS.0..OFFSETS.1));
         let noises = each(&mut |rng| LSB * NOISE.0 * (NOISE.1 / NOISE.0).powf(rng.random::<f64>()));
         let drifts = each(&mut |rng| LSB * (DRIFT_ALL + rng.random_range(-DRIFT_OWN..DRIFT_OWN)) / 600.0);
-        let fault = |slot| match rng.random_range(0..3) {
-            _ if !on_pad(slot) || !rng.random_bool(FAULTY) => Fault::None,
-            0 => Fault::Stuck(rng.random_range(IDLE_CODE..20_000)),
-            1 => Fault::Shorted,
-            _ => Fault::Open,
-        };
-        let faults = (0..TAXELS).map(fault).collect();
+        let mut faults = vec![Fault::None; TAXELS];
+        let mut slots: Vec<usize> = (0..TAXELS).filter(|&slot| on_pad(slot)).collect();
+        let count = (FAULTY * slots.len() as f64).round() as usize;
+        for &mut slot in slots.partial_shuffle(&mut rng, count).0 {
+            faults[slot] = match rng.random_range(0..3) {
+                0 => Fault::Stuck(rng.random_range(IDLE_CODE..20_000)),
+                1 => Fault::Shorted,
+                _ => Fault::Open,
+            };
+        }
         // Twelve uniform draws have unit variance together.
         let draw = |_| (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
         let gaussian = (0..32 * TAXELS).map(draw).collect();

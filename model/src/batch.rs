@@ -21,8 +21,7 @@ const GROUPS: usize = CLASSES + 2;
 const SHARES: [u32; GROUPS] = [1, 5, 2, 4, 4];
 /// Frames that count as the first of a slip: those that decide how fast it is noticed.
 const ONSET_FRAMES: usize = 30;
-/// How often each is drawn where [contact is learned](Options::learns_contact), %: no contact nearly as often as in the
-/// paper's recordings.
+/// How often each is drawn where [contact is learned](Options::learns_contact), %.
 const SHARES_WITH_CONTACT: [u32; GROUPS] = [45, 17, 18, 20, 0];
 
 /// What a frame without contact counts in the loss: the pads decide it by themselves.

@@ -131,6 +131,7 @@ impl Schedule {
             _ => &[Group::HeldOut],
         };
         let mix = mix(split);
+        // The 0 has no meaning any more: without it the frozen sets would be others.
         let objects = |kind| {
             ObjectSchedule::shuffled(groups, hashed(&format!("slipsense/{split}/{seed}/order/{kind}/0")))
         };

@@ -265,9 +265,10 @@ impl<'a> EpisodeSetup<'a> {
     ) -> (SlipSeries, Vec<f64>, Vec<bool>) {
         let share = self.shares[sensor];
         let timeline = &self.plan.timeline;
-        let grip: Vec<f64> = timeline.grip_n.iter().map(|n| n * share).collect();
         let untouched = self.resolved.recipe.vibration_content == VibrationContent::IdleNoise;
-        let (mut map, nothing) = (PressureMap::empty(), PressureMap::empty());
+        let grip = timeline.grip_n.iter().map(|n| if untouched { 0.0 } else { n * share });
+        let grip: Vec<f64> = grip.collect();
+        let mut map = PressureMap::empty();
         let (mut map_n, mut sliding) = (0.0, SlipState::default());
         let (mut slip, mut turn_rad, mut loaded) = (SlipSeries::default(), Vec::new(), Vec::new());
         let mut hand = PullingHand::default();
@@ -309,9 +310,8 @@ impl<'a> EpisodeSetup<'a> {
             turn_rad.push(sliding.turn_rad - gripped_at.1);
             loaded.push(!map.loaded.is_empty());
             interface.release_unloaded(&map);
-            let seen = if untouched { &nothing } else { &map };
             let pickup = timeline.pickup_counts(tick, self.plan.motor_pickup_counts);
-            piezo[frame * self.resolved.recipe.sensors + sensor] = film.scan(frame, seen, pickup, |age_s| {
+            piezo[frame * self.resolved.recipe.sensors + sensor] = film.scan(frame, &map, pickup, |age_s| {
                 let then = vibration::at(&grip, tick as f64 / STEP_HZ - age_s);
                 if force > 0.0 { (then / force).min(4.0) } else { 0.0 }
             });

@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use slipsense::params::{CLASSES, COUNT_MAX, MEL_BINS, TAXEL_COLS, TAXEL_ROWS, XL_AXES};
+use slipsense::params::{CLASSES, MEL_BINS, TAXEL_COLS, TAXEL_ROWS, XL_AXES};
+use slipsense_recording::film::PRESSURE_KPA;
 use slipsense_recording::{Episode as Recording, Predictions};
-use slipsense_synth::pressure_kpa;
 
 use crate::pipeline::{Running, refused};
 
@@ -99,7 +99,7 @@ impl Episode {
 /// Pressure of each count, kPa.
 #[pyfunction]
 pub fn pressure_table_kpa(py: Python<'_>) -> Bound<'_, PyArray1<f32>> {
-    (0..=COUNT_MAX).map(|count| pressure_kpa(count.into()) as f32).collect::<Vec<_>>().into_pyarray(py)
+    PRESSURE_KPA.clone().into_pyarray(py)
 }
 
 /// All frames of an episode through the pipeline, without the interpreter in between.

@@ -30,6 +30,7 @@ pub mod decode;
 mod episode;
 mod episode_file;
 mod error;
+pub mod film;
 #[cfg(feature = "links")]
 pub mod firmware_elf;
 mod health;

@@ -1,16 +1,14 @@
 //! What is published, field by field as in `slipsense_msgs/msg` and in ROS' own packages: the order of the fields is
 //! the order of the bytes (CDR).
 
-use std::sync::LazyLock;
-
 use serde::Serialize;
 use slipsense::health::PIEZO_MISSING;
 use slipsense::params::{
-    CLASSES, COL_PITCH_MM, COUNT_MAX, FRAME_RATE_HZ, ROW_PITCH_MM, TAXEL_COLS, TAXEL_ROWS, TAXELS, XL_AXES,
+    CLASSES, COL_PITCH_MM, FRAME_RATE_HZ, ROW_PITCH_MM, TAXEL_COLS, TAXEL_ROWS, TAXELS, XL_AXES,
 };
 use slipsense::sensor::{TaxelMask, is_active};
 use slipsense::wire::{NodeId, RawMessage, SlipMessage};
-use slipsense_synth::pressure_kpa;
+use slipsense_recording::film::PRESSURE_KPA;
 
 /// How a topic is offered.
 #[derive(Clone, Copy)]
@@ -172,10 +170,6 @@ pub struct Image {
     data: Vec<u8>,
 }
 
-/// Of each count, kPa, by the nominal film.
-static KPA: LazyLock<Vec<f32>> =
-    LazyLock::new(|| (0..=COUNT_MAX).map(|count| pressure_kpa(count.into()) as f32).collect());
-
 impl Image {
     fn new(node: NodeId, message: &RawMessage, time_us: u64, encoding: &str, data: Vec<u8>) -> Self {
         Self {
@@ -201,7 +195,7 @@ impl Image {
         let kpa = (0..TAXELS).zip(message.piezo.counts()).map(|(at, &count)| {
             let (row, col) = (at / TAXEL_COLS, at % TAXEL_COLS);
             let is_read = is_active(row, col) && !mask.masks(row, col) && !is_missing;
-            if is_read { KPA[usize::from(count)] } else { f32::NAN }
+            if is_read { PRESSURE_KPA[usize::from(count)] } else { f32::NAN }
         });
         Self::new(node, message, time_us, "32FC1", kpa.flat_map(f32::to_le_bytes).collect())
     }

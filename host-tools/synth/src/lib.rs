@@ -25,7 +25,6 @@ mod pulling_hand;
 mod timeline;
 mod scenario;
 mod film;
-pub use film::{EXPONENT, pressure_kpa};
 mod vibration;
 mod accelerometer;
 mod unit;

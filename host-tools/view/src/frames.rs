@@ -7,9 +7,9 @@ use flate2::Compression;
 use flate2::read::ZlibDecoder;
 use flate2::write::ZlibEncoder;
 use serde::Serialize;
-use slipsense::params::{COL_PITCH_MM, COUNT_MAX, FRAME_RATE_HZ, MAX_SENSORS, MEL_BINS, ROW_PITCH_MM};
+use slipsense::params::{COL_PITCH_MM, FRAME_RATE_HZ, MAX_SENSORS, MEL_BINS, ROW_PITCH_MM};
+use slipsense_recording::film::PRESSURE_KPA;
 use slipsense_recording::{DEGRADED, Episode, HEALTH, INVALID, mel_point_hz};
-use slipsense_synth::pressure_kpa;
 
 use super::record::{self, Record};
 
@@ -158,10 +158,9 @@ impl Frames {
     /// Where the frame is not stored any more, the answer begins with the oldest that is. `None`: no such request.
     pub fn answer(&self, request: &str) -> Option<Answer> {
         let plain = |body| Some(Answer { first: None, body });
-        let kpa = |count: u16| (pressure_kpa(count.into()) as f32).to_le_bytes();
         match request {
             "state" => return plain(serde_json::to_vec(&self.state).unwrap_or_default()),
-            "kpa" => return plain((0..=COUNT_MAX).flat_map(kpa).collect()),
+            "kpa" => return plain(PRESSURE_KPA.iter().flat_map(|kpa| kpa.to_le_bytes()).collect()),
             _ => {}
         }
         let (what, from) = request.split_once("?from=")?;

@@ -114,7 +114,7 @@ fn fifty_newtons_stay_in_twelve_bits_and_saturate_softly() {
         let peak = scans[23].counts().iter().copied().max().unwrap();
         let kpa = map.kpa[map.loaded[0]];
         // Line resistance costs up to a tenth.
-        let least = 0.75 * transfer::counts(kpa, unit.exponent).min(f64::from(COUNT_MAX));
+        let least = 0.75 * film::counts(kpa, unit.exponent).min(f64::from(COUNT_MAX));
         within(format!("{force_n} N over {radius_mm} mm, {kpa:.0} kPa: peak"), f64::from(peak), least..);
     }
 }
@@ -132,7 +132,7 @@ fn noise_of_a_loaded_taxel_is_as_drawn() {
         // A count stands for more codes the higher it is; rounding to counts adds 1/12.
         let of_code = |cell: usize| {
             let counts = taxel(&frames, cell);
-            let slope = 1.0 - mean(&counts) / transfer::asymptote_counts();
+            let slope = 1.0 - mean(&counts) / film::asymptote_counts();
             (variance(&counts) - 1.0 / 12.0) / libm::pow(slope, 4.0)
         };
         let alive = map.loaded.iter().filter(|&&c| unit.gain[c] > 0.0);

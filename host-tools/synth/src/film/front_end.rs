@@ -58,7 +58,7 @@ mod tests {
 
     use super::*;
     use crate::check::within;
-    use crate::film::transfer::{EXPONENT, FULL_SCALE_KPA, conductance, counts};
+    use slipsense_recording::film::{EXPONENT, FULL_SCALE_KPA, conductance, counts};
 
     /// One pattern, one driven row, the codes of its taxels in the simulation of all 32 × 32 lines.
     #[derive(Deserialize)]

@@ -10,12 +10,10 @@ mod unit;
 mod creep;
 mod front_end;
 mod hysteresis;
-mod transfer;
 mod branches;
 mod circuit;
 mod percolating;
 mod relaxing;
-pub use transfer::{EXPONENT, pressure_kpa};
 #[cfg(test)]
 mod array_tests;
 #[cfg(test)]
@@ -28,6 +26,7 @@ use libm::{exp, sincos};
 use serde::Serialize;
 use slipsense::params::{FRAME_RATE_HZ, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 use slipsense::sensor::{PiezoFrame, active_cols};
+use slipsense_recording::film;
 
 use crate::contact::PressureMap;
 use crate::draw::{Draw, Rng};
@@ -92,7 +91,7 @@ impl<'a> Film<'a> {
         Self {
             taxels: vec![Taxel::default(); TAXELS],
             hysteresis: Hysteresis::new(unit.hysteresis),
-            conductance: Curve::tabulate(|kpa| gain * transfer::share(kpa, unit.exponent)),
+            conductance: Curve::tabulate(|kpa| gain * film::share(kpa, unit.exponent)),
             blend: 1.0 - exp(-dt / unit.lag_s),
             creep_blend: unit.creep.blend(dt),
             row_phase: std::array::from_fn(|row| {

@@ -9,11 +9,10 @@ use slipsense::wire::{
 };
 use slipsense_can_sim::{Format, Frame, Id, Timing};
 use slipsense_recording::Episode;
-use slipsense_synth::splits::{EpisodeSet, FROZEN_SEED};
-use slipsense_synth::{Split, generate};
 
 use super::emulated;
 use super::inputs::{Input, demo, real_episodes};
+use crate::process::{command, empty_dir, run, small_cli};
 use crate::qemu::frames::Frames;
 use crate::table::{Table, median_and_worst, thousands};
 
@@ -25,6 +24,8 @@ const DATA_BPS: [u32; 2] = [5_000_000, 8_000_000];
 /// One frame in this many is taken: neighbours are alike.
 const STRIDE: usize = 7;
 const EPISODES: usize = 4;
+/// More frames than so many episodes have.
+const FRAMES: &str = "20000";
 /// Measure everything; `frames` of each input on the emulated core.
 pub fn print(model: &[u8], frames: usize) -> Result<()> {
     let mut lengths = Table::new(
@@ -41,11 +42,13 @@ pub fn print(model: &[u8], frames: usize) -> Result<()> {
         measure_loads(name, episodes, &mut loads)
     };
     print("demo, synthetic", &[demo()?])?;
-    for split in [Split::UmiId, Split::UmiOod] {
-        let set = EpisodeSet::first(split, FROZEN_SEED, EPISODES);
-        let episodes: Result<Vec<_>, _> =
-            set.episodes.iter().map(|planned| generate(&planned.recipe)).collect();
-        print(&format!("first {EPISODES} episodes of the frozen set {split}, synthetic"), &episodes?)?;
+    let slipsense = small_cli()?;
+    for split in ["umi_id", "umi_ood"] {
+        let set = empty_dir(format!("bench-{split}"))?;
+        run(command(&slipsense).args(["synth", "--split", split, "--frames", FRAMES, "--out"]).arg(&set))?;
+        let episode = |index| Ok(Episode::read(set.join(format!("{split}-{index:05}.npz")))?);
+        let episodes = (0..EPISODES).map(episode).collect::<Result<Vec<_>>>()?;
+        print(&format!("first {EPISODES} episodes of the frozen set {split}, synthetic"), &episodes)?;
     }
     let real = real_episodes()?.iter().map(|path| Ok(Episode::read(path)?)).collect::<Result<Vec<_>>>()?;
     if !real.is_empty() {

@@ -19,8 +19,8 @@ use steps::{Context, DAILY, STEPS, Size, Step};
 /// Which steps to run.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "\
-`cargo xtask test` runs the steps for the daily loop, `cargo xtask test all` all of them, the trainer's tests and
-those that generate hours of data.
+`cargo xtask test` runs the steps for the daily loop, `cargo xtask test all` all of them and what takes
+longer of the host's: trainer, Python and ROS 2 packages, tests that generate hours of data.
 Two steps run at a time, all of them also after one has failed. What a step needs and is missing is installed where
 that is possible (rustup target, Debian packages as root, Python packages into target/venv); where it is not, the
 step fails and says what to install. Nothing is skipped silently.

@@ -194,7 +194,15 @@ pub const STEPS: &[Step] = &[
 /// which gives it the features that the build of the wheel gives it. ROS 2's would give it others.
 fn selections(size: Size) -> &'static [&'static [&'static str]] {
     match size {
-        Size::Daily => &[&["--workspace", "--exclude", "slipsense-model", "--exclude", "slipsense-python"]],
+        Size::Daily => &[&[
+            "--workspace",
+            "--exclude",
+            "slipsense-model",
+            "--exclude",
+            "slipsense-python",
+            "--exclude",
+            "slipsense-ros2",
+        ]],
         Size::All => &[
             &["--workspace", "--exclude", "slipsense-ros2", "--features", "slipsense-cli/train"],
             &["--package", "slipsense-ros2"],
@@ -202,8 +210,9 @@ fn selections(size: Size) -> &'static [&'static [&'static str]] {
     }
 }
 
-const PROGRAMS: [&str; 4] =
-    ["slipsense", "slipsense-ros2", "examples/random_frames", "examples/metric_cases"];
+const PROGRAMS: [&str; 3] = ["slipsense", "examples/random_frames", "examples/metric_cases"];
+/// Those that only the whole run builds.
+const MORE_PROGRAMS: [&str; 1] = ["slipsense-ros2"];
 
 /// Build them; other builds replace what cargo makes, so copies are kept.
 fn build_programs(size: Size) -> Result<()> {
@@ -212,7 +221,8 @@ fn build_programs(size: Size) -> Result<()> {
     }
     let dir = empty_dir("test-programs")?;
     std::fs::create_dir(dir.join("examples"))?;
-    for name in PROGRAMS {
+    let more = if size == Size::All { &MORE_PROGRAMS[..] } else { &[] };
+    for name in PROGRAMS.iter().chain(more) {
         std::fs::copy(target_dir().join("release").join(name), dir.join(name)).with_context(|| name)?;
     }
     Ok(())

@@ -11,8 +11,8 @@ use slipsense::sensor::PiezoFrame;
 use slipsense::wire::{NodeId, Received};
 use slipsense_recording::client::{ANSWER, Bus, Client};
 use slipsense_recording::decode::Decoder;
+use slipsense_recording::film::{EXPONENT, pressure_kpa};
 use slipsense_recording::link::{Input, Place, Source, open};
-use slipsense_synth::{EXPONENT, pressure_kpa};
 
 use super::Print;
 use super::convert::node_id;

@@ -4,6 +4,8 @@
 //! (`slipsense::transfer`) bends as `x/(1+x)`, `x` being 1 at [`HALF_KPA`]: a light grip gets at least 5 counts per
 //! kPa, and 5 MPa is 4095.
 
+use std::sync::LazyLock;
+
 use libm::pow;
 use slipsense::params::COUNT_MAX;
 
@@ -24,6 +26,10 @@ pub fn share(kpa: f64, exponent: f64) -> f64 {
     conductance(kpa, exponent) / conductance(FULL_SCALE_KPA, EXPONENT)
 }
 
+/// Pressure of each count, kPa.
+pub static PRESSURE_KPA: LazyLock<Vec<f32>> =
+    LazyLock::new(|| (0..=COUNT_MAX).map(|count| pressure_kpa(count.into()) as f32).collect());
+
 /// Pressure that the nominal film takes for a count, kPa; counts above 4095 as 4095.
 pub fn pressure_kpa(count: f64) -> f64 {
     let count = count.min(COUNT_MAX.into());
@@ -36,7 +42,6 @@ pub fn asymptote_counts() -> f64 {
 }
 
 /// Counts of a taxel of gain 1 under a steady pressure, without noise and crosstalk.
-#[cfg(test)]
 pub fn counts(kpa: f64, exponent: f64) -> f64 {
     let x = conductance(kpa, exponent);
     asymptote_counts() * x / (1.0 + x)

@@ -26,7 +26,7 @@ pub fn share(kpa: f64, exponent: f64) -> f64 {
     conductance(kpa, exponent) / conductance(FULL_SCALE_KPA, EXPONENT)
 }
 
-/// Pressure of each count, kPa.
+/// Pressure that the nominal film takes for each count, 0 to 4095, kPa.
 pub static PRESSURE_KPA: LazyLock<Vec<f32>> =
     LazyLock::new(|| (0..=COUNT_MAX).map(|count| pressure_kpa(count.into()) as f32).collect());
 

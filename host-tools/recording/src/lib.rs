@@ -1,5 +1,5 @@
-//! Recordings: episodes, labels and predictions, candump logs, model files; with the feature `links` also MCAP, the
-//! links to a bus, and the descriptions of the slip message for DBC and C.
+//! Recordings: episodes, labels and predictions, candump logs, model files, the pressure that a count stands for; with the
+//! feature `links` also MCAP, the links to a bus, and the descriptions of the slip message for DBC and C.
 //!
 //! An episode is a recorded or generated stretch of sensor data, a NumPy `.npz` archive that anyone can write with
 //! `numpy.savez`:

@@ -3,10 +3,10 @@
 use libm::{exp, pow};
 use serde::Serialize;
 use slipsense::params::FRAME_RATE_HZ;
+use slipsense_recording::film::FULL_SCALE_KPA;
 
 use super::curve::Curve;
 use crate::draw::{Draw, Rng};
-use slipsense_recording::film::FULL_SCALE_KPA;
 
 #[derive(Serialize)]
 pub(super) struct Branches {

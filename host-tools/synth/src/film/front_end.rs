@@ -55,10 +55,10 @@ mod tests {
     use serde::Deserialize;
     use slipsense::params::COUNT_MAX;
     use slipsense::transfer;
+    use slipsense_recording::film::{EXPONENT, FULL_SCALE_KPA, conductance, counts};
 
     use super::*;
     use crate::check::within;
-    use slipsense_recording::film::{EXPONENT, FULL_SCALE_KPA, conductance, counts};
 
     /// One pattern, one driven row, the codes of its taxels in the simulation of all 32 × 32 lines.
     #[derive(Deserialize)]

@@ -1,11 +1,11 @@
 //! The film's parts against their definitions.
 
 use slipsense::params::COUNT_MAX;
+use slipsense_recording::film::{EXPONENT, FULL_SCALE_KPA, counts};
 
 use super::creep::{Creep, TERMS};
 use super::hysteresis::{Hysteresis, PLAYS};
 use crate::check::{near, within};
-use slipsense_recording::film::{EXPONENT, FULL_SCALE_KPA, counts};
 
 #[test]
 fn light_grips_read_five_counts_per_kpa_and_5_mpa_is_full_scale() {

@@ -3,9 +3,9 @@
 use libm::{exp, log};
 use serde::Serialize;
 use slipsense::params::FRAME_RATE_HZ;
+use slipsense_recording::film::FULL_SCALE_KPA;
 
 use crate::draw::{Draw, Rng};
-use slipsense_recording::film::FULL_SCALE_KPA;
 
 /// Load that lowers the threshold half as far as it goes.
 const HALF_LOWERED_KPA: f64 = 30.0;

@@ -3,9 +3,9 @@
 use libm::{exp, pow};
 use serde::Serialize;
 use slipsense::params::FRAME_RATE_HZ;
+use slipsense_recording::film::FULL_SCALE_KPA;
 
 use crate::draw::{Draw, Rng};
-use slipsense_recording::film::FULL_SCALE_KPA;
 
 #[derive(Serialize)]
 pub(super) struct Relaxing {

@@ -6,12 +6,12 @@ use libm::cos;
 use serde::Serialize;
 use slipsense::params::{TAXEL_COLS, TAXELS};
 use slipsense::sensor::is_active;
+use slipsense_recording::film::EXPONENT;
 
 use super::circuit::{self, Circuit};
 use super::creep::Creep;
 use crate::contact::cell_mm;
 use crate::draw::{Draw, Rng};
-use slipsense_recording::film::EXPONENT;
 
 /// Standard deviation of the smooth variation of gain over the pad: two of them are ±15 %.
 const GAIN_SMOOTH: f64 = 0.075;

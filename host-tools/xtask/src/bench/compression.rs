@@ -24,8 +24,9 @@ const DATA_BPS: [u32; 2] = [5_000_000, 8_000_000];
 /// One frame in this many is taken: neighbours are alike.
 const STRIDE: usize = 7;
 const EPISODES: usize = 4;
-/// More frames than so many episodes have.
+/// Enough for [`EPISODES`].
 const FRAMES: &str = "20000";
+
 /// Measure everything; `frames` of each input on the emulated core.
 pub fn print(model: &[u8], frames: usize) -> Result<()> {
     let mut lengths = Table::new(

@@ -70,6 +70,8 @@ pub fn run(options: &Options) -> Result<bool> {
     }
     if !options.only.is_empty() {
         for step in steps {
+            // What the daily loop lacks may need what only the whole run builds.
+            let size = if DAILY.contains(&step.name) { size } else { Size::All };
             let context = Context { size, is_built: options.built };
             (step.run)(context).with_context(|| format!("step {}", step.name))?;
         }

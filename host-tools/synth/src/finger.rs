@@ -27,6 +27,9 @@ const PALM_MM: Span = (8.6, 10.4);
 /// Half the width of the patch under a round object, mm.
 const ROUND_PATCH_MM: f64 = 1.0;
 const PAD_HALF_MM: f64 = 11.2;
+/// Change of the pressure at the ends of a patch, per shear over grip. Shear acts on the skin, t above the array, so
+/// over a patch of length L it is 6 t / L: a skin of 0.1 to 0.3 mm, patches of 7.5 to 15 mm.
+const LEAN: Span = (0.04, 0.24);
 
 /// What one sensor delivered besides its scans, and the truth at its pad, one value per frame.
 pub(crate) struct Finger {
@@ -166,7 +169,7 @@ impl<'a> EpisodeSetup<'a> {
                 yaw_rad: yaw * rng.normal(),
                 tilt: [0.004 * rng.normal(), 0.004 * rng.normal()],
             },
-            lean: rng.between(0.1, 0.6),
+            lean: rng.uniform(LEAN),
             rocking: Rocking::draw(&mut rng),
             shares: shares(&mut rng, resolved.recipe.platform, recipe.sensors),
             vibration,
@@ -219,6 +222,7 @@ impl<'a> EpisodeSetup<'a> {
         let mut grain = (AsperityNoise::draw(&mut rng), rng);
         let mut rng = stream(seed, Stream::Film, sensor);
         let film_session = FilmSession::draw(&mut rng, self.resolved.recipe.noise);
+        let film_session = film_session.aged(self.resolved.recipe.age_months);
         let faults = film_session.events(self.frames).into_iter().map(Event::rounded).collect();
         log.add(
             format!("finger_{sensor}"),

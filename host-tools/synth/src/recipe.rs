@@ -80,10 +80,13 @@ pub struct Recipe {
     /// Factor on the electrical noise of arrays and accelerometers, 0 to 4.
     #[serde(default = "one")]
     pub noise: f64,
+    /// Age of the arrays, 0 to 12 months: they lose conductance. 0 to 4, drawn, when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub age_months: Option<f64>,
     /// The crosshead's drive reaches the accelerometers, as on a real rig.
     #[serde(default = "yes")]
     pub rig_leak: bool,
-    #[serde(rename = "heard", default)]
+    #[serde(alias = "heard", default)]
     pub vibration_content: VibrationContent,
     #[serde(default)]
     pub vibration: SourceFamily,
@@ -169,6 +172,7 @@ impl Recipe {
             grip_n: None,
             pull_angle_deg: None,
             noise: 1.0,
+            age_months: None,
             rig_leak: true,
             vibration_content: VibrationContent::All,
             vibration: SourceFamily::Asperities,
@@ -247,6 +251,7 @@ impl Recipe {
         let speed = self.speed_mm_s.unwrap_or(SPEEDS_MM_S[0]);
         rule(speed > 0.0 && speed <= 50.0, "speed_mm_s", speed, "must be above 0 and at most 50")?;
         within("noise", Some(self.noise), (0.0, 4.0))?;
+        within("age_months", self.age_months, (0.0, 12.0))?;
         within("grip_n", self.grip_n, GRIP_N)?;
         if self.pull_angle_deg.is_some() && self.scenario != ScenarioChoice::FreePull {
             return Err(SynthError::new("pull_angle_deg is given, but only scenario free_pull takes one"));
@@ -312,7 +317,7 @@ fn object_named(name: &str) -> Result<&'static Object, SynthError> {
     })
 }
 
-/// A recipe with nothing left open but the noise, the length, the grip and the direction of the pull.
+/// A recipe with nothing left open but the noise, the age, the length, the grip and the direction of the pull.
 pub(crate) struct ResolvedRecipe {
     pub recipe: Recipe,
     pub object: &'static Object,

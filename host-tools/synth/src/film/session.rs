@@ -5,12 +5,12 @@ use serde::Serialize;
 use slipsense::params::{COUNT_MAX, FRAME_RATE_HZ, TAXEL_COLS, TAXEL_ROWS, TAXELS};
 
 use super::unit::FilmUnit;
-use crate::draw::{Draw, Rng};
+use crate::draw::{Draw, Rng, Span};
 use crate::recipe::SECONDS;
 use crate::timeline::Event;
 
-/// Age, months; a unit's loss of gain is given for the whole span.
-const AGE_MONTHS: (f64, f64) = (0.0, 4.0);
+/// Age where a recipe names none, months; a unit's loss of gain is given for the whole span.
+const AGE_MONTHS: Span = (0.0, 4.0);
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Fault {
@@ -71,6 +71,11 @@ impl FilmSession {
             mains_share: rng.between(0.0, 1.0),
             faults: faults(rng, 0.03 * noise_factor),
         }
+    }
+
+    /// The same recording with an array of another age, if one is named.
+    pub(crate) fn aged(self, age_months: Option<f64>) -> Self {
+        Self { age_months: age_months.unwrap_or(self.age_months), ..self }
     }
 
     /// Factor on the conductance of all of `unit`'s taxels.

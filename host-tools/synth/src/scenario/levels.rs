@@ -7,8 +7,8 @@
 //! [`PULL_SHARE_KEPT`], [`REPEAT_CHANCE`], [`REPEAT_LONGEST_S`], [`STROKE_MM`], [`PARKING_TRAVEL`], [`SHARED_TABLE`]. So that the
 //! paper's baselines land where they do in the paper: [`RIG_N_PER_MM`], [`AMBIENT_PER_S`],
 //! [`TOOL_PICKUP_COUNTS`]; outside this file, the ranges of the arrays' noise and idle level, of the
-//! accelerometers' noise and of the flicker of a sliding contact. None was tuned for the network of this
-//! project.
+//! accelerometers' noise and of the flicker of a sliding contact. So that networks of one modality land there on the
+//! other hand, with one seed: the tone of its motors at rest. None was tuned for the network of this project.
 
 use crate::draw::Span;
 
@@ -80,6 +80,8 @@ pub(crate) const TWIST_RAD: Span = (0.3, 1.2);
 pub(crate) const HAND_HELD_SLIPS: f64 = 0.4;
 /// Weight of an object as a share of what the weakest grip holds for sure.
 pub(crate) const WEIGHT_SHARE: Span = (0.15, 0.5);
+/// Friction under a dragged object at full strength, as a share of the same: with the weight it stays below 1.
+pub(crate) const DRAG_SHARE: Span = (0.05, 0.4);
 /// Pull on a firm grip, as a share of the same.
 pub(crate) const FIRM_PULL: Span = (0.2, 0.55);
 

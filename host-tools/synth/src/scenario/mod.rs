@@ -287,7 +287,8 @@ impl Plan {
         }
     }
 
-    /// The object's weight hangs between lift and set-down of each grasp, by a soft spring.
+    /// The object's weight hangs between lift and set-down of each grasp, by a soft spring; what it is dragged over
+    /// pulls the same way.
     fn weights(&mut self, rng: &mut Rng, resolved: &ResolvedRecipe, grasps: &[Grasp], way: &mut [f64]) {
         for g in grasps {
             let last = self.script.phases_of(PhaseKind::Hold).filter(|s| s.start_s < g.release).last();
@@ -295,16 +296,17 @@ impl Plan {
             let length = end - g.held;
             let (lift, down) =
                 (g.held + rng.between(0.1, 0.3) * length, g.held + rng.between(0.75, 0.92) * length);
-            let weight = rng.uniform(WEIGHT_SHARE) * self.sure_hold_n(resolved, g.held, g.release);
+            let sure_hold_n = self.sure_hold_n(resolved, g.held, g.release);
+            let (weight, drag) = (rng.uniform(WEIGHT_SHARE), rng.uniform(DRAG_SHARE));
             for (name, at, peak) in [("lift", lift, (0.05, 0.3)), ("set_down", down, (0.1, 1.0))] {
                 self.timeline.event(name, at, at + 0.02);
                 self.timeline.pulse(rng, at, TAP_S, peak);
             }
             let rise = rng.between(0.05, 0.2);
-            for (i, t) in self.timeline.times(lift, down) {
-                way[i] += weight / self.pull_n_per_mm
-                    * ramp(t, lift, lift + rise)
-                    * (1.0 - ramp(t, down - rise, down));
+            for (i, t) in self.timeline.times(g.held, g.release) {
+                let hangs = ramp(t, lift, lift + rise) * (1.0 - ramp(t, down - rise, down));
+                let share = weight * hangs + drag * self.timeline.drag[i];
+                way[i] += share * sure_hold_n / self.pull_n_per_mm;
             }
         }
     }

@@ -5,12 +5,14 @@ use rand::seq::SliceRandom;
 use sha2::{Digest, Sha256};
 
 use super::split::Split;
-use crate::draw::{Stream, stream};
+use crate::draw::{Draw, Span, Stream, stream};
 use crate::mix::{ANYWHERE, FREE, Mix, PROTOCOL, ScenarioChoice};
 use crate::objects::{CATALOGUE, Group, Object};
 use crate::recipe::{ObjectChoice, Platform, Recipe, Region, SPEEDS_MM_S, vary_two_of_three};
 
 const NOSLIP_SECONDS: f64 = 60.0;
+
+const TEST_AGE_MONTHS: Span = (4.0, 8.0);
 
 const HANDS: [(Platform, usize); 4] =
     [(Platform::Umi, 2), (Platform::Tesollo, 2), (Platform::Umi, 2), (Platform::Tesollo, 3)];
@@ -144,6 +146,8 @@ impl Schedule {
             return Recipe { rig_leak: false, ..repeated.recipe(index / 2) };
         }
         let recipe = Recipe::new(episode_seed(self.split, self.seed, index));
+        let age_months = self.split.is_test().then(|| test_age_months(recipe.seed));
+        let recipe = Recipe { age_months, ..recipe };
         if matches!(self.split, Split::Noslip | Split::TransferNoslip) {
             return in_families(self.split, noslip(recipe, &self.object_schedules[0], index));
         }
@@ -171,6 +175,11 @@ impl Schedule {
         };
         in_families(self.split, recipe)
     }
+}
+
+/// Age of a test episode's arrays, to a tenth of a month: training ends where it begins.
+fn test_age_months(seed: u64) -> f64 {
+    (stream(seed, Stream::Recipe, 0).uniform(TEST_AGE_MONTHS) * 10.0).round() / 10.0
 }
 
 /// A minute of disturbances: objects and hands take turns.

@@ -137,6 +137,19 @@ fn groups_of_objects_do_not_mix() {
     }
 }
 
+#[test]
+fn the_arrays_of_the_tests_are_older_than_those_of_training() {
+    for split in Split::ALL {
+        for Recipe { seed, age_months, .. } in first(split, 0, 40) {
+            match (split.is_test(), age_months) {
+                (true, Some(months)) => assert!((4.0..=8.0).contains(&months), "{split}: {months}"),
+                (false, None) => (),
+                _ => panic!("{split}: {seed} of {age_months:?} months"),
+            }
+        }
+    }
+}
+
 /// The sum of a pad's pressures is the force on it, whatever touches: "train pressure distribution covers test" in the
 /// paper. By the plans alone, while something is held.
 #[test]

@@ -1,7 +1,7 @@
 //! What a recipe may name, and what is refused.
 
 use super::*;
-use crate::check::near;
+use crate::check::{near, within};
 use crate::labels::SLIP;
 use crate::objects::{CATALOGUE, Group, Object, Shape, named};
 
@@ -27,9 +27,11 @@ fn slip(e: &Episode) -> (usize, f64) {
 
 #[test]
 fn a_recipe_is_the_same_after_a_trip_through_json() {
-    let old = r#"{"seed":7,"object":{"named":"usb-cable"},"scenario":"six_step","platform":"umi","region":"centre","sensors":2,"noise":1.0,"rig_leak":true,"heard":"all","vibration":"modal"}"#;
+    let old = r#"{"seed":7,"object":{"named":"usb-cable"},"scenario":"six_step","platform":"umi","region":"centre","sensors":2,"noise":1.0,"rig_leak":true,"vibration_content":"all","vibration":"modal"}"#;
     let recipe: Recipe = serde_json::from_str(old).unwrap();
     assert_eq!(serde_json::to_string(&recipe).unwrap(), old, "nothing new where nothing new is named");
+    let older = old.replace("vibration_content", "heard");
+    assert_eq!(serde_json::from_str::<Recipe>(&older).unwrap(), recipe, "the field's former name");
 
     let mut recipe = own(Object { mu_kinetic: 0.1 + 0.2, ..rod() });
     // Such values need all 17 digits.
@@ -57,6 +59,19 @@ fn a_named_grip_leaves_all_other_draws_alone() {
     assert!(counts(&firm) > counts(&drawn));
 }
 
+#[test]
+fn an_older_array_reads_less_and_nothing_else_changes() {
+    let [new, old] = [0.0, 12.0].map(|months| {
+        let e = generate(&Recipe { age_months: Some(months), ..six_step(3) }).unwrap();
+        assert_eq!(e.meta.other["draws"]["finger_0"]["film"]["age_months"], months);
+        e
+    });
+    let counts = |e: &Episode| e.piezo.iter().map(|p| f64::from(p.sum())).sum::<f64>();
+    // At 12 months 0 to 45 % of the conductance is lost.
+    within("counts, old over new", counts(&old) / counts(&new), 0.5..0.999);
+    assert_eq!((&new.label, &new.xl), (&old.label, &old.xl));
+}
+
 /// Where the labels come from the encoder, nothing else would show that a firm grip held out.
 #[test]
 fn objects_slip_in_any_named_grip() {
@@ -82,7 +97,7 @@ fn objects_slip_in_any_named_grip() {
 #[test]
 fn bad_recipes_are_refused_by_name() {
     type Change = fn(&mut Recipe);
-    let cases: [(Change, &str); 23] = [
+    let cases: [(Change, &str); 24] = [
         (|r| r.sensors = 0, "sensors is 0, must be 1 to 3"),
         (|r| r.sensors = 4, "sensors is 4, must be 1 to 3"),
         (|r| r.sensors = 3, "sensors is 3, but platform umi has at most 2"),
@@ -93,6 +108,7 @@ fn bad_recipes_are_refused_by_name() {
         (|r| r.speed_mm_s = Some(-3.0), "speed_mm_s is -3, must be above 0 and at most 50"),
         (|r| r.speed_mm_s = Some(f64::INFINITY), "speed_mm_s is inf, must be above 0 and at most 50"),
         (|r| r.noise = -1.0, "noise is -1, must be 0 to 4"),
+        (|r| r.age_months = Some(13.0), "age_months is 13, must be 0 to 12"),
         (|r| r.grip_n = Some(-2.0), "grip_n is -2, must be 0.3 to 12"),
         (|r| r.grip_n = Some(0.0), "grip_n is 0, must be 0.3 to 12"),
         (|r| r.grip_n = Some(f64::NAN), "grip_n is NaN, must be 0.3 to 12"),

@@ -12,6 +12,8 @@ const MOTOR_ORDERS: usize = 4;
 /// Machines nearby: lines in Hz, harmonics of the mains and of fans and pumps; g rms.
 const AMBIENT_HZ: [f64; 4] = [25.0, 50.0, 100.0, 120.0];
 const AMBIENT_G: (f64, f64) = (0.5e-3, 10e-3);
+/// Tone of a jointed hand's motors at rest, g rms.
+const SERVO_G: (f64, f64) = (0.25e-3, 1.5e-3);
 
 #[derive(Clone, Debug, Serialize)]
 struct Tone {
@@ -116,7 +118,7 @@ impl Actuation {
             gear_shift: rng.between(0.05, 0.1),
             gear_share: rng.between(0.3, 0.8),
             running_g: rng.log_between(0.002, 0.02),
-            servo: Tone::draw(rng, servo_hz, (0.5e-3, 3e-3)),
+            servo: Tone::draw(rng, servo_hz, SERVO_G),
             direction: rng.direction(),
         }
     }

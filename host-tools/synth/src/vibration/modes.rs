@@ -13,15 +13,20 @@ use crate::recipe::{Platform, Region};
 
 /// Range of each mode's frequency, Hz, of a parallel jaw's finger (modelling range).
 const UMI_HZ: [(f64, f64); 4] = [(80.0, 180.0), (250.0, 550.0), (700.0, 1500.0), (2200.0, 3500.0)];
-/// The same of a jointed finger, whose first mode is the compliance of its joints.
-const TESOLLO_HZ: [(f64, f64); 4] = [(30.0, 90.0), (120.0, 300.0), (500.0, 1200.0), (1800.0, 3500.0)];
+/// The same of a jointed finger, whose first modes are the compliance of its joints. The fingertip is the same module
+/// on any hand, and with it the upper two modes, [`FINGERTIP`] and above.
+const TESOLLO_HZ: [(f64, f64); 4] = [(30.0, 90.0), (120.0, 300.0), UMI_HZ[2], UMI_HZ[3]];
+/// Lowest mode of the fingertip itself.
+const FINGERTIP: usize = 2;
 /// Damping ratio while holding something.
 const UMI_DAMPING: (f64, f64) = (0.03, 0.12);
-const TESOLLO_DAMPING: (f64, f64) = (0.05, 0.2);
+/// The same of a jointed finger's modes below the fingertip's.
+const JOINT_DAMPING: (f64, f64) = (0.05, 0.2);
 /// Main direction of each mode before its own scatter: x across the finger, y along it, z normal to the
 /// pad. A jaw bends towards the object first, a jointed finger flexes along its length.
 const UMI_DIRECTION: [[f64; 3]; 4] = [[0.0, 0.4, 0.9], [0.9, 0.4, 0.0], [0.0, 0.9, 0.4], [0.6, 0.6, 0.6]];
-const TESOLLO_DIRECTION: [[f64; 3]; 4] = [[0.0, 0.8, 0.6], [0.8, 0.0, 0.6], [0.3, 0.5, 0.8], [0.7, 0.7, 0.0]];
+const TESOLLO_DIRECTION: [[f64; 3]; 4] =
+    [[0.0, 0.8, 0.6], [0.8, 0.0, 0.6], UMI_DIRECTION[2], UMI_DIRECTION[3]];
 /// Exponent of a mode's frequency over grip force: a Hertz contact stiffens with F^(1/3), so a mode that
 /// it carries alone rises with F^(1/6), and one with a stiffening pad behind it faster.
 const GRIP_EXPONENT: (f64, f64) = (1.0 / 6.0, 1.0 / 3.0);
@@ -61,14 +66,14 @@ pub(crate) struct Modes {
 
 impl Modes {
     pub(crate) fn draw(rng: &mut Rng, platform: Platform) -> Self {
-        let (hz, damping, direction) = match platform {
+        let (hz, joints, direction) = match platform {
             Platform::Umi => (UMI_HZ, UMI_DAMPING, UMI_DIRECTION),
-            Platform::Tesollo => (TESOLLO_HZ, TESOLLO_DAMPING, TESOLLO_DIRECTION),
+            Platform::Tesollo => (TESOLLO_HZ, JOINT_DAMPING, TESOLLO_DIRECTION),
         };
         let coupling = exp(0.2 * rng.normal());
         let mode = |m: usize| Mode {
             hz: rng.log_between(hz[m].0, hz[m].1),
-            damping: rng.log_uniform(damping),
+            damping: rng.log_uniform(if m < FINGERTIP { joints } else { UMI_DAMPING }),
             direction: scattered(rng, direction[m], 0.5),
             weight: coupling * rng.log_between(0.4, 1.2),
         };

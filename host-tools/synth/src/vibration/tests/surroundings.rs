@@ -166,8 +166,8 @@ fn motors_vibrate_while_they_run_and_the_servo_always() {
     let resting = held(2.0, 0.0, 4.0);
     let mut running = held(2.0, 0.0, 4.0);
     running.motor.fill(1.0);
-    // Running motors 2 to 20 mg and the servo; the servo 0.5 to 3 mg.
-    for (timeline, expected) in [(running, 2.0..20.5), (resting, 0.49..3.05)] {
+    // Running motors 2 to 20 mg and the servo; the servo 0.25 to 1.5 mg.
+    for (timeline, expected) in [(running, 2.0..20.2), (resting, 0.245..1.53)] {
         for seed in 0..60 {
             let scene = Scene { platform: Platform::Tesollo, rig_leak: false, ..scene(&timeline) };
             within("motors, mg", rms(&calm(&scene, seed, 4.0, 0.0)) * 1e3, expected.clone());

@@ -7,6 +7,8 @@ use slipsense::params::{ACTIVE_TAXELS, COL_PITCH_MM, TAXEL_COLS};
 use super::*;
 use crate::draw::{Stream, stream};
 use crate::labels::{NO_CONTACT, NO_SLIP, SLIP};
+use crate::scenario::plan;
+use crate::scenario::script::Script;
 use crate::scenario::shortcuts::class_seconds;
 use crate::unit::UnitId;
 use ScenarioChoice::*;
@@ -205,6 +207,23 @@ fn every_disturbance_comes_with_contact_and_without() {
     for name in ["close", "open"] {
         assert!(seen[name].iter().sum::<usize>() > 2, "{name}");
     }
+}
+
+#[test]
+fn whatever_drags_the_object_pulls_at_the_pads_too() {
+    let mut dragged = 0;
+    for recipe in series(FreeGrasp, 12.0, 31, 60) {
+        let resolved = recipe.resolve().unwrap();
+        let rng = |of| stream(recipe.seed, of, 0);
+        let script = Script::draw(&mut rng(Stream::Script), &resolved);
+        let plan = plan(&mut rng(Stream::Scenario), &resolved, script);
+        for (step, _) in plan.timeline.drag.iter().enumerate().filter(|(_, level)| **level > 0.01) {
+            let [x, y] = plan.pull_mm[step];
+            assert!(x.hypot(y) > 0.0, "seed {}, step {step}", recipe.seed);
+            dragged += 1;
+        }
+    }
+    assert!(dragged > 1000, "{dragged} steps");
 }
 
 /// The shares of the classes are those of the scripts, which `shortcuts.rs` holds to the paper's: labels come

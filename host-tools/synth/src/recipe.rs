@@ -86,6 +86,7 @@ pub struct Recipe {
     /// The crosshead's drive reaches the accelerometers, as on a real rig.
     #[serde(default = "yes")]
     pub rig_leak: bool,
+    /// Episodes of generator 2 and earlier name it `heard`.
     #[serde(alias = "heard", default)]
     pub vibration_content: VibrationContent,
     #[serde(default)]

@@ -7,8 +7,8 @@
 //! [`PULL_SHARE_KEPT`], [`REPEAT_CHANCE`], [`REPEAT_LONGEST_S`], [`STROKE_MM`], [`PARKING_TRAVEL`], [`SHARED_TABLE`]. So that the
 //! paper's baselines land where they do in the paper: [`RIG_N_PER_MM`], [`AMBIENT_PER_S`],
 //! [`TOOL_PICKUP_COUNTS`]; outside this file, the ranges of the arrays' noise and idle level, of the
-//! accelerometers' noise and of the flicker of a sliding contact. So that networks of one modality land there on the
-//! other hand, with one seed: the tone of its motors at rest. None was tuned for the network of this project.
+//! accelerometers' noise and of the flicker of a sliding contact. So that both modalities lead either alone on
+//! the other hand, too, with one seed: the tone of its motors at rest. None was tuned for the network of this project.
 
 use crate::draw::Span;
 

@@ -24,6 +24,8 @@ impl Program {
     pub const FIRMWARE: Self = Self { name: NAME, features: FEATURE };
     /// The firmware for another accelerometer than the ADXL380.
     pub const ICM42688: Self = Self { name: NAME, features: "h743,icm42688" };
+    /// And for a third one, with a crystal. Nothing runs it.
+    pub const ADXL382: Self = Self { name: NAME, features: "h743,adxl382,crystal" };
     /// What `slipsense hil` talks to: the firmware with a mailbox in place of sensors and bus.
     pub const HIL: Self = Self { name: "slipsense-hil", features: FEATURE };
     pub const BRINGUP: Self = Self { name: "slipsense-bringup", features: FEATURE };

@@ -16,6 +16,8 @@ const OURS: [&str; 7] =
 const OURS_PREFIX: [&str; 4] = ["CARGO_PKG_", "CARGO_MANIFEST_", "CARGO_BIN_", "CARGO_CRATE_"];
 pub const DEMO_EPISODE: &str = "host-tools/cli/demo/episode.npz";
 const REQUIREMENTS: &str = "tests/python/requirements.txt";
+/// Installs what pip would, in a quarter of the time.
+const INSTALLER: &str = "uv==0.13.9";
 
 pub fn root() -> &'static Path {
     // This package lies two folders below it.
@@ -184,9 +186,9 @@ pub fn python_with(name: &str, requirements: &str) -> Result<Command> {
             apt_install(&["python3", "python3-venv"], "checking against Python")?;
         }
         run(command("python3").args(["-m", "venv", "--clear"]).arg(&venv))?;
-        run(command(&python)
-            .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"])
-            .args(["-r", requirements]))?;
+        let install = |packages: &[&str]| run(command(&python).arg("-m").args(packages));
+        install(&["pip", "install", "--quiet", "--disable-pip-version-check", INSTALLER])?;
+        install(&["uv", "pip", "install", "--quiet", "--requirements", requirements])?;
         fs::write(&made_from, wanted).with_context(|| made_from.display().to_string())?;
     }
     Ok(command(python))

@@ -123,8 +123,8 @@ fn rows_help() -> String {
          comparisons.svg        macro F1 of every row and split\n  \
          example.svg            one episode as pads alone, accelerometers alone and both see it\n  \
          shipped/               with all rows: the shipped network by speed and object, and in the closed loop\n\n\
-         At the small budget a row and seed with our encoders takes about a minute on one core, `wide`\n\
-         and vision transformers several. The figures do not depend on --jobs. Commands with other --rows\n\
+         At the small budget a row and seed with our encoders takes about six minutes on one core, `wide`\n\
+         and vision transformers longer. The figures do not depend on --jobs. Commands with other --rows\n\
          or --seeds may run at once in the same DIR; one with all of them collects what they leave. Each holds the\n\
          features of all episodes: 7 GB of memory with two jobs, more with vision transformers.\n\n\
          Examples:\n  \

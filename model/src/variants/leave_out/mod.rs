@@ -41,7 +41,7 @@ Files written to DIR:
   leave-out.json     the same in numbers; units are in the keys
   leave-out.svg      the same as a picture
 
-A network takes about a minute on one core; two jobs need 6 GB of memory.
+A network takes about two minutes on one core; two jobs need 6 GB of memory.
 
 Examples:
   slipsense leave-out --out out/leave-out

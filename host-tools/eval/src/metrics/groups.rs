@@ -1,6 +1,7 @@
 //! The same figures for parts of the episodes: per speed, object, force and so on.
 
 use serde::Serialize;
+use slipsense_synth::objects::{self, Group as ObjectGroup};
 
 use super::figures::{EpisodeRecord, Figures};
 use crate::truth::{EpisodeInfo, Truth};
@@ -43,10 +44,20 @@ pub(crate) fn groupings(episodes: &[(&Truth, &EpisodeRecord)]) -> Vec<Grouping> 
     let speed = |info: &EpisodeInfo| {
         Some(info.speed_mm_s.map_or("nothing pulls".to_owned(), |v| format!("{v} mm/s")))
     };
-    let by: [(&'static str, Key<'_>); 9] = [
+    // Models train on the first and are chosen on the second.
+    let object_group = |info: &EpisodeInfo| {
+        let group = match objects::named(info.object.as_deref()?)?.group {
+            ObjectGroup::Train => "training",
+            ObjectGroup::Val => "validation",
+            ObjectGroup::HeldOut => "held out",
+        };
+        Some(group.to_owned())
+    };
+    let by: [(&'static str, Key<'_>); 10] = [
         ("input", &|info| Some(info.input.clone())),
         ("speed", &speed),
         ("object", &|info| info.object.clone()),
+        ("object_group", &object_group),
         ("object_kind", &|info| info.object_kind.clone()),
         ("grip_tercile", &tercile),
         ("platform", &|info| info.platform.clone()),

@@ -1,6 +1,7 @@
 //! From inputs to results: streams, operating point, what is missing and why, paper's rows.
 
 use serde_json::json;
+use slipsense_synth::objects::{Group, of_group};
 
 use super::*;
 use crate::paper::Comparison;
@@ -40,7 +41,13 @@ fn folder() -> tempfile::TempDir {
     let place = tempfile::tempdir().unwrap();
     for i in 0..20 {
         let slip = if i % 4 == 3 { 0..0 } else { 100..200 };
-        let meta = [("synthetic", json!(true)), ("speed_mm_s", json!([2, 10][i % 2])), ("grip_n", json!(i))];
+        let object = of_group([Group::Val, Group::HeldOut][i % 2]).next().unwrap();
+        let meta = [
+            ("synthetic", json!(true)),
+            ("speed_mm_s", json!([2, 10][i % 2])),
+            ("grip_n", json!(i)),
+            ("object", json!(object.name)),
+        ];
         let episode = meta.into_iter().fold(episode(300, &[slip]), |e, (k, v)| with(e, k, v));
         episode.write(place.path().join(format!("e{i:02}.npz"))).unwrap();
     }
@@ -75,8 +82,10 @@ fn results_say_what_is_missing_and_why() {
     let without = Results::new(&inputs, &[counter()], &run, &[]);
     assert!(without.synthetic && without.detectors[0].operating_point.is_none());
     assert!(without.detectors[0].operating_point_missing_because.is_some());
-    let by_speed = &without.detectors[0].groupings.iter().find(|g| g.by == "speed").unwrap().groups;
-    assert_eq!(by_speed.iter().map(|g| g.value.as_str()).collect::<Vec<_>>(), ["2 mm/s", "10 mm/s"]);
+    for (by, expected) in [("speed", ["2 mm/s", "10 mm/s"]), ("object_group", ["held out", "validation"])] {
+        let groups = &without.detectors[0].groupings.iter().find(|g| g.by == by).unwrap().groups;
+        assert_eq!(groups.iter().map(|g| g.value.as_str()).collect::<Vec<_>>(), expected);
+    }
     assert!(check_nulls(&without).contains(&"latency_median_frames".to_owned()));
 
     let html = crate::report::html(&without, &run).unwrap();

@@ -8,7 +8,9 @@ use clap::ValueEnum;
 
 use crate::bench::inputs::real_episodes;
 use crate::firmware::Program;
-use crate::process::{DEMO_EPISODE, cargo, command, empty_dir, need, python, root, run, script, target_dir};
+use crate::process::{
+    DEMO_EPISODE, cargo, command, empty_dir, linting_cargo, need, python, root, run, script, target_dir,
+};
 use crate::qemu::{self, machine};
 use crate::toolchain::Toolchain;
 use crate::{cmsis, front_end, linux, package, release, ros2, stack, twin, web};
@@ -66,8 +68,8 @@ const TWIN: Step = Step { after: &["firmware", "twin-build"], ..PLAIN };
 const TWIN_HOST: Step = Step { after: &["firmware", "twin-build", "host-build"], ..PLAIN };
 const HOST: Step = Step { after: &["host-build"], ..PLAIN };
 
-pub const DAILY: [&str; 8] =
-    ["fmt", "firmware", "clippy", "host-build", "host", "documents", "qemu-demo", "qemu-kernels"];
+pub const DAILY: [&str; 7] =
+    ["fmt", "firmware", "host-build", "host", "documents", "qemu-demo", "qemu-kernels"];
 
 pub const STEPS: &[Step] = &[
     PLAIN.step("fmt", "formatting", |_| run(cargo().args(["fmt", "--all", "--check"]))),
@@ -77,8 +79,8 @@ pub const STEPS: &[Step] = &[
         build_firmware,
     ),
     COMPILES.step("twin-build", "the board twin and its own tests", |_| twin::machine::build_and_test()),
-    COMPILES.step("clippy", "lints of the whole workspace, warnings denied", clippy),
-    COMPILES.step("host-build", "host programs and tests of the whole workspace", host_build),
+    COMPILES.step("host-build", "host programs and tests of the whole workspace, linted, warnings denied", host_build),
+    COMPILES.step("clippy", "lints of what other features have in the workspace", clippy),
     HOST.step("host", "host tests of the whole workspace; the world beside the paper's only in `all`", host),
     HOST.step("documents", "links, commands and sizes of the documents are right", documents),
     FIRMWARE.step(
@@ -217,7 +219,9 @@ const MORE_PROGRAMS: [&str; 1] = ["slipsense-ros2"];
 /// Build them; other builds replace what cargo makes, so copies are kept.
 fn build_programs(size: Size) -> Result<()> {
     for selection in selections(size) {
-        run(cargo().args(["build", "--quiet", "--bins", "--examples", "--release"]).args(*selection))?;
+        run(linting_cargo()
+            .args(["build", "--quiet", "--bins", "--examples", "--release"])
+            .args(*selection))?;
     }
     let dir = empty_dir("test-programs")?;
     std::fs::create_dir(dir.join("examples"))?;
@@ -235,25 +239,21 @@ fn program(name: &str, context: Context) -> Result<PathBuf> {
     Ok(target_dir().join("test-programs").join(name))
 }
 
-/// Without the features `gpu` and `hil`, whose libraries take longer than all others: see the campaigns in the book.
-fn clippy(context: Context) -> Result<()> {
+/// The build of the host's programs and tests lints the rest; the features `gpu` and `hil`, whose libraries take longer
+/// than all others, are left out: see the campaigns in the book.
+fn clippy(_: Context) -> Result<()> {
     let clippy = |what: &[&str]| {
         // With the profile of the tests: both need the same build scripts and procedural macros.
         let targets = ["--all-targets", "--", "-D", "warnings"];
         run(cargo().args(["clippy", "--quiet", "--release"]).args(what).args(targets))
     };
-    if context.size == Size::Daily {
-        return selections(context.size).iter().try_for_each(|selection| clippy(selection));
-    }
-    // In one selection: the wheel is not built from what this makes.
-    clippy(&["--workspace", "--features", "slipsense-cli/train"])?;
     clippy(&["--package", "slipsense-cli", "--no-default-features"])?;
     clippy(&["--package", "slipsense", "--package", "slipsense-qemu", "--features", cmsis::FEATURE])
 }
 
 fn host_build(context: Context) -> Result<()> {
     for selection in selections(context.size) {
-        run(cargo().args(["test", "--quiet", "--no-run", "--release"]).args(*selection))?;
+        run(linting_cargo().args(["test", "--quiet", "--no-run", "--release"]).args(*selection))?;
     }
     build_programs(context.size)
 }
@@ -262,7 +262,7 @@ fn host(context: Context) -> Result<()> {
     // One failure does not hide the next.
     let left_out: &[&str] = if context.size == Size::Daily { &["--skip", LONG_TESTS] } else { &[] };
     let test = |selection: &&[&str]| {
-        let mut test = cargo();
+        let mut test = linting_cargo();
         test.args(["test", "--quiet", "--no-fail-fast", "--release"]).args(*selection);
         run(test.arg("--").args(left_out))
     };

@@ -35,18 +35,35 @@ impl Program {
 
     /// Build it, warnings denied, with a list of what each function takes of the stack.
     pub fn build(self) -> Result<PathBuf> {
+        Self::build_all(&[self])?;
+        Ok(self.kept())
+    }
+
+    /// The same for several. One core links a program, so neighbours with the same features are built together.
+    pub fn build_all(programs: &[Self]) -> Result<()> {
         let _lock = lock("firmware")?;
         let toolchain = Toolchain::get()?;
-        let mut build = toolchain.cargo("build");
-        run(build.args(["--package", "slipsense", "--bin", self.name, "--features", self.features]))?;
-        // The firmware for another accelerometer has the same name: the next build would take its place.
-        let dir = target_dir().join("firmware-programs");
-        let kept = dir.join(format!("{}-{}", self.name, self.features.replace(',', "-")));
-        std::fs::create_dir_all(&dir)?;
+        for same in programs.chunk_by(|a, b| a.features == b.features) {
+            let mut build = toolchain.cargo("build");
+            build.args(["--package", "slipsense", "--features", same[0].features]);
+            run(build.args(same.iter().flat_map(|program| ["--bin", program.name])))?;
+            same.iter().try_for_each(|program| program.keep(toolchain))?;
+        }
+        Ok(())
+    }
+
+    /// The firmware for another accelerometer has the same name: the next build would take its place.
+    fn keep(self, toolchain: Toolchain) -> Result<()> {
+        let kept = self.kept();
         let unfinished = kept.with_extension("unfinished");
-        std::fs::copy(toolchain.program(self.name), &unfinished)
+        std::fs::create_dir_all(kept.parent().expect("it has a folder"))
+            .and_then(|()| std::fs::copy(toolchain.program(self.name), &unfinished))
             .and_then(|_| std::fs::rename(&unfinished, &kept))
-            .with_context(|| kept.display().to_string())?;
-        Ok(kept)
+            .with_context(|| kept.display().to_string())
+    }
+
+    fn kept(self) -> PathBuf {
+        let name = format!("{}-{}", self.name, self.features.replace(',', "-"));
+        target_dir().join("firmware-programs").join(name)
     }
 }

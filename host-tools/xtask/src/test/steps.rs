@@ -299,9 +299,9 @@ fn docs() -> Result<()> {
 fn build_firmware(Context { size, .. }: Context) -> Result<()> {
     let mut programs = vec![Program::FIRMWARE, Program::HIL, Program::BOOTLOADER, Program::BRINGUP];
     if size == Size::All {
-        programs.extend([Program::ICM42688, Program::ADXL382, Program::CAN_LOOPBACK]);
+        programs.extend([Program::CAN_LOOPBACK, Program::ICM42688, Program::ADXL382]);
     }
-    programs.into_iter().try_for_each(|program| program.build().map(|_| ()))?;
+    Program::build_all(&programs)?;
     let bins =
         ["slipsense-qemu", "slipsense-qemu-kernels"].into_iter().flat_map(|program| ["--bin", program]);
     run(Toolchain::get()?.cargo("build").args(["--package", machine::PACKAGE]).args(bins))

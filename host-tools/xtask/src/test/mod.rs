@@ -79,7 +79,7 @@ pub fn run(options: &Options) -> Result<bool> {
     }
     let started = Instant::now();
     let logs = empty_dir("test-logs")?;
-    // A build beside the run may replace this program.
+    // A step may build this program anew.
     let copies = tempfile::tempdir()?;
     let program = copies.path().join("xtask");
     fs::copy(std::env::current_exe()?, &program).context("cannot copy this program")?;

@@ -7,18 +7,15 @@ use std::process::Command;
 
 use anyhow::{Context as _, Result};
 
-use crate::process::{DEMO_EPISODE, LINTS, command, empty_dir, python, python_with, run, target_dir};
+use crate::process::{DEMO_EPISODE, command, empty_dir, python, python_with, run, target_dir, with_lints};
 
 const INSTALL: [&str; 5] = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"];
 const NOTEBOOK: &str = "docs/src/tools/episode.ipynb";
 
 fn wheel() -> Result<PathBuf> {
     let wheels = empty_dir("wheels")?;
-    let mut build = python()?;
-    build
-        .env(LINTS.0, LINTS.1)
-        .args(["-m", "maturin", "build", "--release", "--quiet", "--out"])
-        .arg(&wheels);
+    let mut build = with_lints(python()?);
+    build.args(["-m", "maturin", "build", "--release", "--quiet", "--out"]).arg(&wheels);
     run(build.args(["--manifest-path", "host-tools/python/Cargo.toml"]))?;
     let wheel = std::fs::read_dir(wheels)?.next().context("maturin made no wheel")??;
     Ok(wheel.path())

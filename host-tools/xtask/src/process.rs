@@ -14,9 +14,6 @@ use anyhow::{Context, Result, ensure};
 const OURS: [&str; 7] =
     ["CARGO", "RUSTUP_TOOLCHAIN", "RUST_RECURSION_COUNT", "RUSTC", "RUSTDOC", "LD_LIBRARY_PATH", "OUT_DIR"];
 const OURS_PREFIX: [&str; 4] = ["CARGO_PKG_", "CARGO_MANIFEST_", "CARGO_BIN_", "CARGO_CRATE_"];
-/// Variable of cargo and the program that it names: see there.
-pub const LINTS: (&str, &str) =
-    ("RUSTC_WORKSPACE_WRAPPER", concat!(env!("CARGO_MANIFEST_DIR"), "/compile_and_lint"));
 pub const DEMO_EPISODE: &str = "host-tools/cli/demo/episode.npz";
 const REQUIREMENTS: &str = "tests/python/requirements.txt";
 /// Installs what pip would, in a quarter of the time.
@@ -47,12 +44,12 @@ pub fn cargo() -> Command {
     cargo
 }
 
-/// The same, which lints each crate of the workspace where it compiles it. What the steps of the test command share has
-/// to be built by this one: another compiler is another build to cargo.
-pub fn linting_cargo() -> Command {
-    let mut cargo = cargo();
-    cargo.env(LINTS.0, LINTS.1);
-    cargo
+/// The same command, but a cargo that it is or starts lints each crate of the workspace where it compiles it. What the
+/// steps of the test command share has to be built like this: to cargo, another compiler is another build.
+pub fn with_lints(mut command: Command) -> Command {
+    let compiler = concat!(env!("CARGO_MANIFEST_DIR"), "/compile_and_lint");
+    command.env("RUSTC_WORKSPACE_WRAPPER", compiler);
+    command
 }
 
 /// A program that takes the toolchain of the cargo that started us.

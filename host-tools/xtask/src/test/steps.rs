@@ -9,7 +9,7 @@ use clap::ValueEnum;
 use crate::bench::inputs::real_episodes;
 use crate::firmware::Program;
 use crate::process::{
-    DEMO_EPISODE, cargo, command, empty_dir, linting_cargo, need, python, root, run, script, target_dir,
+    DEMO_EPISODE, cargo, command, empty_dir, need, python, root, run, script, target_dir, with_lints,
 };
 use crate::qemu::{self, machine};
 use crate::toolchain::Toolchain;
@@ -219,7 +219,7 @@ const MORE_PROGRAMS: [&str; 1] = ["slipsense-ros2"];
 /// Build them; other builds replace what cargo makes, so copies are kept.
 fn build_programs(size: Size) -> Result<()> {
     for selection in selections(size) {
-        run(linting_cargo()
+        run(with_lints(cargo())
             .args(["build", "--quiet", "--bins", "--examples", "--release"])
             .args(*selection))?;
     }
@@ -253,7 +253,7 @@ fn clippy(_: Context) -> Result<()> {
 
 fn host_build(context: Context) -> Result<()> {
     for selection in selections(context.size) {
-        run(linting_cargo().args(["test", "--quiet", "--no-run", "--release"]).args(*selection))?;
+        run(with_lints(cargo()).args(["test", "--quiet", "--no-run", "--release"]).args(*selection))?;
     }
     build_programs(context.size)
 }
@@ -262,7 +262,7 @@ fn host(context: Context) -> Result<()> {
     // One failure does not hide the next.
     let left_out: &[&str] = if context.size == Size::Daily { &["--skip", LONG_TESTS] } else { &[] };
     let test = |selection: &&[&str]| {
-        let mut test = linting_cargo();
+        let mut test = with_lints(cargo());
         test.args(["test", "--quiet", "--no-fail-fast", "--release"]).args(*selection);
         run(test.arg("--").args(left_out))
     };

@@ -16,7 +16,7 @@ use crate::data::{DISTURBANCES_SECONDS, Features, disturbances, first, stretches
 use crate::float::FloatNetwork;
 use crate::output;
 use crate::progress::progress;
-use crate::real_parts::Motion;
+use crate::real_parts::RealParts;
 use crate::target::Target;
 use crate::weights::Weights;
 
@@ -49,7 +49,8 @@ pub struct MineArgs {
     /// Seed of the run that will train on them: its other episodes do not occur here
     #[arg(long, value_name = "K", default_value_t = 1)]
     pub seed: u64,
-    /// Folder with motion.npz, recorded motion that is added to some of the episodes
+    /// Folder with motion.npz and surfaces.npz, recorded motion and measured surfaces that some of the
+    /// episodes get; docs/src/model/training.md says from which public sources they are made
     #[arg(long, value_name = "DIR")]
     pub real_parts: Option<PathBuf>,
     /// Search only part I of N: every N-th episode
@@ -60,13 +61,13 @@ pub struct MineArgs {
 pub fn run_mine(args: &MineArgs) -> Result<()> {
     ensure!(args.hours > 0.0 && args.hours <= 1000.0, "--hours must be above 0 and at most 1000");
     let weights = Weights::read(&args.weights)?;
-    let motion = args.real_parts.as_deref().map(Motion::read).transpose()?;
+    let real_parts = args.real_parts.as_deref().map(RealParts::read).transpose()?;
     output::folder(&args.out)?;
     let settings = json!({
         "weights_sha256": output::sha256_hex(&weights.to_bytes()?),
         "hours": args.hours,
         "seed": args.seed,
-        "recorded_motion": motion.is_some(),
+        "real_parts": real_parts.is_some(),
     });
     let (settings, file) = (settings.to_string(), args.out.join(SETTINGS));
     let same = !file.exists() || std::fs::read_to_string(&file).is_ok_and(|found| found == settings);
@@ -78,7 +79,7 @@ pub fn run_mine(args: &MineArgs) -> Result<()> {
     let wanted = (0..recipes.len()).filter(|&index| shard.has(index) && !path(index).exists());
     let (paths, wanted): (Vec<_>, Vec<_>) = wanted.map(|index| (path(index), recipes[index].clone())).unzip();
     let bar = progress("mine", 0);
-    search(&weights, &wanted, motion.as_ref(), &bar, |index, stretches| {
+    search(&weights, &wanted, real_parts.as_ref(), &bar, |index, stretches| {
         output::write(&paths[index], &stretches_file::to_bytes(&stretches)?)
     })?;
     bar.finish();
@@ -120,10 +121,10 @@ pub fn mine(
     weights: &Weights,
     seed: u64,
     hours: f64,
-    motion: Option<&Motion>,
+    real_parts: Option<&RealParts>,
     bar: &ProgressBar,
 ) -> Result<Vec<Features>> {
-    let found = search(weights, &recipes(seed, hours)?, motion, bar, |_, stretches| Ok(stretches))?;
+    let found = search(weights, &recipes(seed, hours)?, real_parts, bar, |_, stretches| Ok(stretches))?;
     Ok(found.into_iter().flatten().collect())
 }
 
@@ -136,20 +137,20 @@ fn recipes(seed: u64, hours: f64) -> Result<Vec<Recipe>> {
     Ok(vary_two_of_three(recipes.take(count))?)
 }
 
-/// Search the episodes of some recipes, some with recorded motion; `each` gets the stretches of one and its position.
+/// Search the episodes of some recipes, some with real recordings; `each` gets the stretches of one and its position.
 /// `bar` moves once an episode.
 fn search<T: Send>(
     weights: &Weights,
     recipes: &[Recipe],
-    motion: Option<&Motion>,
+    real_parts: Option<&RealParts>,
     bar: &ProgressBar,
     each: impl Fn(usize, Vec<Features>) -> Result<T> + Sync,
 ) -> Result<Vec<T>> {
     bar.set_length(recipes.len() as u64);
     let network = FloatNetwork::new(weights, &Device::flex());
     let found = generate_set(recipes, |index, mut episode| {
-        if let Some(motion) = motion {
-            motion.add(&mut episode);
+        if let Some(parts) = real_parts {
+            parts.add(&mut episode);
         }
         let features = Features::from_episode(&episode)?;
         let outputs = network.outputs(&weights.dims, &features.sequences());

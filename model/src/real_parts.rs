@@ -1,57 +1,129 @@
-//! Recorded motion in generated training episodes: knocks and handling that nobody had to model.
+//! Real recordings in generated training episodes: motion and knocks, and what measured surfaces sound like, so that
+//! neither has to be modelled.
 //!
 //! The recordings are public and not kept here: `docs/src/model/training.md` says where they come from.
 
+use std::f64::consts::TAU;
+use std::fs::File;
+use std::io::BufReader;
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
+use slipsense::params::XL_RATE_HZ;
 use slipsense_recording::Episode;
 use slipsense_recording::npz::Reader;
 
-/// Arrays of the file: acceleration in g, `[sample][axis]`, 8 kHz.
+/// Arrays of motion.npz: acceleration in g, `[sample][axis]`, 8 kHz.
 const RECORDINGS: [&str; 4] = ["stwinbox_usb", "stwinbox_sd", "stwin_usb", "stwin_sd"];
-/// Share of the episodes that get recorded motion.
+/// Arrays of surfaces.npz: height along a line, every [`PITCH_MM`].
+const SURFACES: [&str; 12] = [
+    "acrylic",
+    "bass_wood",
+    "ceramic",
+    "plywood",
+    "polycarbonate",
+    "polyethylene",
+    "poplar_wood",
+    "pvc",
+    "rough_wood",
+    "sanded_acrylic",
+    "sandpaper",
+    "vinyl",
+];
+const PITCH_MM: f64 = 5.576_272e-3;
+/// Share of the episodes that get recorded motion, and of those whose slips get a measured surface.
 const MOVED: f64 = 0.3;
-/// Smallest and largest factor on it: how near it happens.
+const TEXTURED: f64 = 0.3;
+/// Smallest and largest factor on motion: how near it happens.
 const GAIN: std::ops::Range<f64> = 0.05..1.5;
+/// Smallest and largest vibration of a surface at 10 mm/s, g rms; proportional to a power of the speed.
+const TEXTURE_G: std::ops::Range<f64> = 0.01..1.0;
+const SPEED_EXPONENT: std::ops::Range<f64> = 0.4..1.2;
 
 #[derive(Clone, Debug)]
-pub struct Motion {
+pub struct RealParts {
     recordings: Vec<Vec<[f32; 3]>>,
+    surfaces: Vec<Surface>,
 }
 
-impl Motion {
+/// Slopes of a surface, unit rms.
+#[derive(Clone, Debug)]
+struct Surface(Vec<f64>);
+
+impl Surface {
+    fn new(heights: &[f32]) -> Self {
+        let slope: Vec<f64> = heights.windows(2).map(|h| f64::from(h[1] - h[0])).collect();
+        let rms = (slope.iter().map(|x| x * x).sum::<f64>() / slope.len() as f64).sqrt().max(1e-12);
+        Self(slope.into_iter().map(|x| x / rms).collect())
+    }
+
+    /// Under a finger that has slid so far; the surface begins anew where it ends.
+    fn at(&self, mm: f64) -> f64 {
+        let x = mm / PITCH_MM;
+        let [near, far] = [0, 1].map(|next| self.0[(x as usize + next) % self.0.len()]);
+        near + (far - near) * x.fract()
+    }
+}
+
+fn log_uniform(rng: &mut ChaCha8Rng, range: &std::ops::Range<f64>) -> f64 {
+    rng.random_range(range.start.ln()..range.end.ln()).exp()
+}
+
+fn array(file: &mut Reader<BufReader<File>>, name: &'static str, columns: Option<usize>) -> Result<Vec<f32>> {
+    let array = file.array::<f32>(name)?;
+    match columns {
+        None => array.require_shape(&[None], "[N]")?,
+        columns => array.require_shape(&[None, columns], "[N, 3]")?,
+    }
+    let values = array.read()?;
+    ensure!(values.len() > 1, "array `{name}` is empty");
+    if let Some(at) = values.iter().position(|value| !value.is_finite()) {
+        bail!("array `{name}`: value {at} is {}, must be finite", values[at]);
+    }
+    Ok(values)
+}
+
+impl RealParts {
     pub fn read(folder: &Path) -> Result<Self> {
         let path = folder.join("motion.npz");
         let read = || -> Result<_> {
             let mut file = Reader::open(&path)?;
-            let recording = |name| {
-                let array = file.array::<f32>(name)?;
-                array.require_shape(&[None, Some(3)], "[N, 3]")?;
-                let values = array.read()?;
-                ensure!(!values.is_empty(), "array `{name}` is empty");
-                Ok(values.as_chunks().0.to_vec())
-            };
+            let recording = |name| Ok(array(&mut file, name, Some(3))?.as_chunks().0.to_vec());
             RECORDINGS.into_iter().map(recording).collect()
         };
-        Ok(Self { recordings: read().with_context(|| path.display().to_string())? })
+        let recordings = read().with_context(|| path.display().to_string())?;
+        let path = folder.join("surfaces.npz");
+        let read = || -> Result<_> {
+            let mut file = Reader::open(&path)?;
+            let surface = |name| Ok(Surface::new(&array(&mut file, name, None)?));
+            SURFACES.into_iter().map(surface).collect()
+        };
+        Ok(Self { recordings, surfaces: read().with_context(|| path.display().to_string())? })
     }
 
-    /// Add motion to the accelerometers of some episodes: the same recording for all sensors from a random place on,
-    /// again and again, with axes exchanged and reversed and a gain that differs by sensor. The draws follow from the
-    /// episode's seed.
+    /// Add motion to the accelerometers of some episodes, and a measured surface to the slips of some. The draws follow
+    /// from the episode's seed.
     pub fn add(&self, episode: &mut Episode) {
         let seed = episode.meta.other.get("seed").and_then(Value::as_u64).unwrap_or_default();
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        if !rng.random_bool(MOVED) {
-            return;
+        if rng.random_bool(MOVED) {
+            self.add_motion(&mut rng, episode);
         }
+        rng.set_stream(1);
+        if rng.random_bool(TEXTURED) {
+            self.add_surface(&mut rng, episode);
+        }
+    }
+
+    /// The same recording for all sensors from a random place on, again and again, with axes exchanged and reversed and
+    /// a gain that differs by sensor.
+    fn add_motion(&self, rng: &mut ChaCha8Rng, episode: &mut Episode) {
         let recording = &self.recordings[rng.random_range(0..self.recordings.len())];
         let start = rng.random_range(0..recording.len());
-        let near = rng.random_range(GAIN.start.ln()..GAIN.end.ln()).exp();
+        let near = log_uniform(rng, &GAIN);
         let lsb_g = episode.meta.xl_lsb_g;
         for samples in &mut episode.xl {
             let gain = near * rng.random_range(0.3..1.0) / lsb_g;
@@ -60,22 +132,70 @@ impl Motion {
                 let moved = recording[(start + index) % recording.len()];
                 for (axis, value) in sample.iter_mut().enumerate() {
                     let sign = if signs >> axis & 1 == 1 { -1.0 } else { 1.0 };
-                    let sum = f64::from(*value) + sign * gain * f64::from(moved[(axis + turn) % 3]);
-                    *value = sum.round().clamp(i16::MIN.into(), i16::MAX.into()) as i16;
+                    add_lsb(value, sign * gain * f64::from(moved[(axis + turn) % 3]));
                 }
             }
         }
     }
+
+    /// What a stiff finger feels of one surface, read at the slid length, each sensor along a line and a direction of
+    /// its own.
+    fn add_surface(&self, rng: &mut ChaCha8Rng, episode: &mut Episode) {
+        let (Some(speed_mm_s), Some(fraction)) = (&episode.slip_true_mm_s, &episode.slip_fraction) else {
+            return;
+        };
+        let surface = &self.surfaces[rng.random_range(0..self.surfaces.len())];
+        let level = log_uniform(rng, &TEXTURE_G) / episode.meta.xl_lsb_g;
+        let exponent = rng.random_range(SPEED_EXPONENT);
+        let length_mm = PITCH_MM * surface.0.len() as f64;
+        for (sensor, samples) in episode.xl.iter_mut().enumerate() {
+            let gain = level * rng.random_range(0.3..1.0);
+            let (z, turn) = (rng.random_range(-1.0..1.0f64), rng.random_range(0.0..TAU));
+            let across = (1.0 - z * z).sqrt();
+            let direction = [across * turn.cos(), across * turn.sin(), z];
+            let mut path_mm = rng.random_range(0.0..length_mm);
+            let ends = episode.xl_end.iter().skip(sensor).step_by(episode.sensors);
+            let mut from = 0;
+            for ((&end, &speed), &share) in ends.zip(speed_mm_s).zip(fraction) {
+                let (speed, share) = (f64::from(speed), f64::from(share));
+                let gain = gain * share * (speed / 10.0).powf(exponent);
+                for sample in &mut samples[from..end as usize] {
+                    path_mm += speed / XL_RATE_HZ as f64;
+                    let value = gain * surface.at(path_mm);
+                    sample.iter_mut().zip(direction).for_each(|(out, axis)| add_lsb(out, axis * value));
+                }
+                from = end as usize;
+            }
+        }
+    }
+}
+
+/// Saturates as the part does.
+fn add_lsb(value: &mut i16, more: f64) {
+    *value = (f64::from(*value) + more).round().clamp(i16::MIN.into(), i16::MAX.into()) as i16;
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use slipsense_recording::Meta;
+    use slipsense_recording::npz::write_file;
+
+    fn parts() -> RealParts {
+        RealParts {
+            recordings: vec![vec![[1.0, -2.0, 0.5], [40.0, -40.0, 0.0]]],
+            surfaces: vec![Surface::new(&[0.0, 1.0, 0.0, -1.0])],
+        }
+    }
+
+    fn seeded(mut episode: Episode, seed: u64) -> Episode {
+        episode.meta.other.insert("seed".into(), seed.into());
+        episode
+    }
 
     #[test]
     fn motion_is_added_to_some_episodes_and_saturates() {
-        let motion = Motion { recordings: vec![vec![[1.0, -2.0, 0.5], [40.0, -40.0, 0.0]]] };
+        let parts = parts();
         let still = Episode {
             sensors: 2,
             xl: vec![vec![[0; 3]; 100]; 2],
@@ -84,20 +204,58 @@ mod tests {
         };
         let mut moved = 0;
         for seed in 0..200 {
-            let mut episode = still.clone();
-            episode.meta.other.insert("seed".into(), seed.into());
-            motion.add(&mut episode);
+            let mut episode = seeded(still.clone(), seed);
+            parts.add(&mut episode);
             moved += usize::from(episode.xl != still.xl);
-            let again = motion.recordings[0].len();
+            let again = parts.recordings[0].len();
             assert!(episode.xl.iter().all(|xl| xl[0] == xl[again]), "the recording goes on from its start");
         }
         assert!((40..80).contains(&moved), "{moved} of 200");
     }
 
+    /// A frame of rest, then one of sliding.
     #[test]
-    fn a_folder_without_recordings_is_named() {
+    fn a_surface_is_felt_in_slips_only() {
+        let parts = RealParts { recordings: vec![vec![[0.0; 3]]], ..parts() };
+        let slip = Episode {
+            sensors: 2,
+            xl: vec![vec![[0; 3]; 66]; 2],
+            xl_end: vec![33, 33, 66, 66],
+            slip_true_mm_s: Some(vec![0.0, 25.0]),
+            slip_fraction: Some(vec![0.0, 1.0]),
+            meta: Meta::nominal(1e-5),
+            ..Episode::default()
+        };
+        let mut textured = 0;
+        for seed in 0..200 {
+            let mut episode = seeded(slip.clone(), seed);
+            parts.add(&mut episode);
+            assert!(episode.xl.iter().flat_map(|xl| &xl[..33]).all(|sample| *sample == [0; 3]), "at rest");
+            let [a, b] = [0, 1].map(|sensor| &episode.xl[sensor][33..]);
+            if a.iter().any(|sample| *sample != [0; 3]) {
+                textured += 1;
+                assert_ne!(a, b, "a line of its own");
+            }
+        }
+        assert!((40..80).contains(&textured), "{textured} of 200");
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_folder_is_named() {
         let folder = tempfile::tempdir().unwrap();
-        let error = format!("{:#}", Motion::read(folder.path()).unwrap_err());
-        assert!(error.contains("motion.npz"), "{error}");
+        let error = || format!("{:#}", RealParts::read(folder.path()).unwrap_err());
+        assert!(error().contains("motion.npz"), "{}", error());
+        let motion = |shape: &[usize], value: f32| {
+            write_file(folder.path().join("motion.npz"), |file| {
+                RECORDINGS.into_iter().try_for_each(|name| file.array(name, shape, [value; 6]))
+            })
+            .unwrap();
+        };
+        motion(&[3, 2], 0.0);
+        assert!(error().contains("shape is [3, 2], must be [N, 3]"), "{}", error());
+        motion(&[2, 3], f32::NAN);
+        assert!(error().contains("`stwinbox_usb`: value 0 is NaN, must be finite"), "{}", error());
+        motion(&[2, 3], 0.0);
+        assert!(error().contains("surfaces.npz"), "{}", error());
     }
 }

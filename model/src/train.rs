@@ -22,7 +22,7 @@ use crate::float::FloatNetwork;
 use crate::folder::{ObjectUses, Use};
 use crate::mining::{self, mine};
 use crate::progress::progress;
-use crate::real_parts::Motion;
+use crate::real_parts::RealParts;
 use crate::teacher::Teacher;
 use crate::weights::{Weights, dims_of_size};
 use crate::{curves, output};
@@ -101,7 +101,8 @@ pub struct TrainArgs {
     /// What the surest frame of a slip's onset and the worst of 200 ms without slip count beside all others
     #[arg(long, value_name = "W", default_value_t = 2.0)]
     pub extreme_weight: f32,
-    /// Folder with motion.npz, recorded motion that is added to some of the generated episodes
+    /// Folder with motion.npz and surfaces.npz, recorded motion and measured surfaces that some of the
+    /// generated episodes get; docs/src/model/training.md says from which public sources they are made
     #[arg(long, value_name = "DIR", conflicts_with = "data")]
     pub real_parts: Option<PathBuf>,
     /// What trains; the same recipe on another device ends with other roundings
@@ -161,14 +162,14 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
     if let Source::Folder(folder) = &source {
         println!("{}", folder.describe()?);
     }
-    let motion = args.real_parts.as_deref().map(Motion::read).transpose()?;
+    let real_parts = args.real_parts.as_deref().map(RealParts::read).transpose()?;
     output::folder(&args.out)?;
     let load = |name, what, count| {
         let bar = progress(name, count as u64);
         let loaded = source.map(what, count, &bar, |mut episode| {
             let frames = episode.frames();
-            if let (Use::Train, Some(motion)) = (what, &motion) {
-                motion.add(&mut episode);
+            if let (Use::Train, Some(parts)) = (what, &real_parts) {
+                parts.add(&mut episode);
             }
             ensure!(
                 what != Use::Train || frames >= args.frames,
@@ -190,7 +191,7 @@ pub fn run_train(args: &TrainArgs) -> Result<()> {
     let total: usize = train.iter().map(Features::frames).sum();
     if args.mine_hours > 0.0 {
         let bar = progress("mine", 0);
-        train.extend(mine(&first, args.seed, args.mine_hours, motion.as_ref(), &bar)?);
+        train.extend(mine(&first, args.seed, args.mine_hours, real_parts.as_ref(), &bar)?);
         bar.finish();
     }
     if let Some(folder) = &args.mined {
@@ -313,7 +314,7 @@ impl Run<'_> {
         }
         let hash = |weights: &Weights| anyhow::Ok(output::sha256_hex(&weights.to_bytes()?));
         if args.real_parts.is_some() {
-            recipe["recorded_motion"] = json!(true);
+            recipe["real_parts"] = json!(true);
         }
         if args.mine_hours > 0.0 {
             recipe["mine_hours"] = json!(args.mine_hours);

@@ -43,7 +43,7 @@ pub struct Options {
     /// Seed of episodes, first weights and draws
     #[arg(long, value_name = "K", default_value_t = SHIPPED_SEED, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     seed: u64,
-    /// Folder with motion.npz, recorded motion that some of the episodes get: see `slipsense train --help`
+    /// Folder with motion.npz and surfaces.npz, recordings that some of the episodes get: see `slipsense train --help`
     #[arg(long, value_name = "DIR")]
     real_parts: Option<PathBuf>,
     /// Take every step on a handful of episodes; what comes out is worth nothing

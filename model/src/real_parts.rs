@@ -39,7 +39,8 @@ const MOVED: f64 = 0.3;
 const TEXTURED: f64 = 0.3;
 /// Smallest and largest factor on motion: how near it happens.
 const GAIN: std::ops::Range<f64> = 0.05..1.5;
-/// Smallest and largest vibration of a surface at 10 mm/s, g rms; proportional to a power of the speed.
+/// Smallest and largest vibration of a surface at 10 mm/s, g rms, of which each sensor gets 0.3 to 1; proportional to a
+/// power of the speed.
 const TEXTURE_G: std::ops::Range<f64> = 0.01..1.0;
 const SPEED_EXPONENT: std::ops::Range<f64> = 0.4..1.2;
 

@@ -4,8 +4,6 @@
 //! The recordings are public and not kept here: `docs/src/model/training.md` says where they come from.
 
 use std::f64::consts::TAU;
-use std::fs::File;
-use std::io::BufReader;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -38,7 +36,7 @@ const PITCH_MM: f64 = 5.576_272e-3;
 const MOVED: f64 = 0.3;
 const TEXTURED: f64 = 0.3;
 /// Smallest and largest factor on motion: how near it happens.
-const GAIN: std::ops::Range<f64> = 0.05..1.5;
+const MOTION_GAIN: std::ops::Range<f64> = 0.05..1.5;
 /// Smallest and largest vibration of a surface at 10 mm/s, g rms, of which each sensor gets 0.3 to 1; proportional to a
 /// power of the speed.
 const TEXTURE_G: std::ops::Range<f64> = 0.01..1.0;
@@ -73,36 +71,39 @@ fn log_uniform(rng: &mut ChaCha8Rng, range: &std::ops::Range<f64>) -> f64 {
     rng.random_range(range.start.ln()..range.end.ln()).exp()
 }
 
-fn array(file: &mut Reader<BufReader<File>>, name: &'static str, columns: Option<usize>) -> Result<Vec<f32>> {
-    let array = file.array::<f32>(name)?;
-    match columns {
-        None => array.require_shape(&[None], "[N]")?,
-        columns => array.require_shape(&[None, columns], "[N, 3]")?,
-    }
-    let values = array.read()?;
-    ensure!(values.len() > 1, "array `{name}` is empty");
-    if let Some(at) = values.iter().position(|value| !value.is_finite()) {
-        bail!("array `{name}`: value {at} is {}, must be finite", values[at]);
-    }
-    Ok(values)
+/// Arrays of these names and of the shape that `words` say.
+fn arrays(
+    path: &Path,
+    names: &[&'static str],
+    shape: &[Option<usize>],
+    words: &str,
+) -> Result<Vec<Vec<f32>>> {
+    let mut file = Reader::open(path)?;
+    let array = |&name: &&'static str| {
+        let array = file.array::<f32>(name)?;
+        array.require_shape(shape, words)?;
+        let values = array.read()?;
+        ensure!(values.len() > 1, "array `{name}` is empty");
+        if let Some(at) = values.iter().position(|value| !value.is_finite()) {
+            bail!("array `{name}`: value {at} is {}, must be finite", values[at]);
+        }
+        Ok(values)
+    };
+    names.iter().map(array).collect()
 }
 
 impl RealParts {
     pub fn read(folder: &Path) -> Result<Self> {
-        let path = folder.join("motion.npz");
-        let read = || -> Result<_> {
-            let mut file = Reader::open(&path)?;
-            let recording = |name| Ok(array(&mut file, name, Some(3))?.as_chunks().0.to_vec());
-            RECORDINGS.into_iter().map(recording).collect()
+        let read = |name: &str, names: &[&'static str], shape: &[Option<usize>], words: &str| {
+            let path = folder.join(name);
+            arrays(&path, names, shape, words).with_context(|| path.display().to_string())
         };
-        let recordings = read().with_context(|| path.display().to_string())?;
-        let path = folder.join("surfaces.npz");
-        let read = || -> Result<_> {
-            let mut file = Reader::open(&path)?;
-            let surface = |name| Ok(Surface::new(&array(&mut file, name, None)?));
-            SURFACES.into_iter().map(surface).collect()
-        };
-        Ok(Self { recordings, surfaces: read().with_context(|| path.display().to_string())? })
+        let motion = read("motion.npz", &RECORDINGS, &[None, Some(3)], "[N, 3]")?;
+        let heights = read("surfaces.npz", &SURFACES, &[None], "[N]")?;
+        Ok(Self {
+            recordings: motion.iter().map(|values| values.as_chunks().0.to_vec()).collect(),
+            surfaces: heights.iter().map(|heights| Surface::new(heights)).collect(),
+        })
     }
 
     /// Add motion to the accelerometers of some episodes, and a measured surface to the slips of some. The draws follow
@@ -124,7 +125,7 @@ impl RealParts {
     fn add_motion(&self, rng: &mut ChaCha8Rng, episode: &mut Episode) {
         let recording = &self.recordings[rng.random_range(0..self.recordings.len())];
         let start = rng.random_range(0..recording.len());
-        let near = log_uniform(rng, &GAIN);
+        let near = log_uniform(rng, &MOTION_GAIN);
         let lsb_g = episode.meta.xl_lsb_g;
         for samples in &mut episode.xl {
             let gain = near * rng.random_range(0.3..1.0) / lsb_g;
@@ -189,36 +190,33 @@ mod tests {
         }
     }
 
-    fn seeded(mut episode: Episode, seed: u64) -> Episode {
-        episode.meta.other.insert("seed".into(), seed.into());
-        episode
+    /// Add the parts to an episode with many seeds; `check` sees each. The ones that were changed are three in ten.
+    fn three_in_ten_change(parts: &RealParts, plain: Episode, check: impl Fn(&Episode)) {
+        let mut changed = 0;
+        for seed in 0..200 {
+            let mut episode = plain.clone();
+            episode.meta.other.insert("seed".into(), seed.into());
+            parts.add(&mut episode);
+            check(&episode);
+            changed += usize::from(episode.xl != plain.xl);
+        }
+        assert!((40..80).contains(&changed), "{changed} of 200");
     }
 
     #[test]
     fn motion_is_added_to_some_episodes_and_saturates() {
+        let (xl, meta) = (vec![vec![[0; 3]; 100]; 2], Meta::nominal(1e-3));
         let parts = parts();
-        let still = Episode {
-            sensors: 2,
-            xl: vec![vec![[0; 3]; 100]; 2],
-            meta: Meta::nominal(1e-3),
-            ..Episode::default()
-        };
-        let mut moved = 0;
-        for seed in 0..200 {
-            let mut episode = seeded(still.clone(), seed);
-            parts.add(&mut episode);
-            moved += usize::from(episode.xl != still.xl);
+        three_in_ten_change(&parts, Episode { sensors: 2, xl, meta, ..Episode::default() }, |episode| {
             let again = parts.recordings[0].len();
             assert!(episode.xl.iter().all(|xl| xl[0] == xl[again]), "the recording goes on from its start");
-        }
-        assert!((40..80).contains(&moved), "{moved} of 200");
+        });
     }
 
-    /// A frame of rest, then one of sliding.
     #[test]
     fn a_surface_is_felt_in_slips_only() {
         let parts = RealParts { recordings: vec![vec![[0.0; 3]]], ..parts() };
-        let slip = Episode {
+        let one_frame_at_rest_and_one_of_slip = Episode {
             sensors: 2,
             xl: vec![vec![[0; 3]; 66]; 2],
             xl_end: vec![33, 33, 66, 66],
@@ -227,18 +225,12 @@ mod tests {
             meta: Meta::nominal(1e-5),
             ..Episode::default()
         };
-        let mut textured = 0;
-        for seed in 0..200 {
-            let mut episode = seeded(slip.clone(), seed);
-            parts.add(&mut episode);
-            assert!(episode.xl.iter().flat_map(|xl| &xl[..33]).all(|sample| *sample == [0; 3]), "at rest");
-            let [a, b] = [0, 1].map(|sensor| &episode.xl[sensor][33..]);
-            if a.iter().any(|sample| *sample != [0; 3]) {
-                textured += 1;
-                assert_ne!(a, b, "a line of its own");
-            }
-        }
-        assert!((40..80).contains(&textured), "{textured} of 200");
+        three_in_ten_change(&parts, one_frame_at_rest_and_one_of_slip, |episode| {
+            let [(rest, a), (rest_b, b)] = [0, 1].map(|sensor| episode.xl[sensor].split_at(33));
+            assert!(rest.iter().chain(rest_b).all(|sample| *sample == [0; 3]), "at rest");
+            let silent = a.iter().all(|sample| *sample == [0; 3]);
+            assert!(silent || a != b, "each sensor feels a line of its own");
+        });
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Slip sensing for robot fingertips.
 //!
 //! One library for both worlds: the microcontroller and the host run this code and get the same bits.
-//! The modules below stand in the order of dependence: each uses only those above it (a test holds this).
+//! The modules below stand in dependency order: each uses only those above it (a test holds this).
 #![no_std]
 // The exceptions are assembly and vector instructions, in `simd`, and registers, in `firmware`.
 #![deny(unsafe_code)]

@@ -10,10 +10,10 @@ use slipsense::settings::{Effect, TABLE};
 /// `docs/src/bus/settings.md`, from the table.
 fn page() -> String {
     let mut page = String::from(
-        "# Settings\n\nEvery setting is a register of the Cyphal node, mutable and persistent. `store` \
-         (ExecuteCommand 65530) writes all\nof them to flash, a factory reset (65532) restores the defaults; calibrations stay. One of \
-         them in ten seconds is taken.\nThe registers NAME`<`, NAME`>` and NAME`=` hold the largest, smallest and default value. This page is \
-         generated from `src/settings/table.rs`; a test compares.\n\n\
+        "# Settings\n\nEvery setting is a register of the Cyphal node, mutable and persistent. `store` (ExecuteCommand \
+         65530) writes all of them to\nflash; a factory reset (65532) restores the defaults and keeps the calibrations. The node \
+         accepts one store or factory reset\nevery ten seconds. For each register NAME, the registers NAME`<`, NAME`>` and NAME`=` \
+         hold the largest, smallest and default\nvalue. This page is generated from `src/settings/table.rs`; a test compares.\n\n\
          | register | type | default | allowed | unit | effective | meaning |\n|---|---|---|---|---|---|---|\n",
     );
     for definition in &TABLE {
@@ -56,8 +56,8 @@ update, until it is unlocked. `slipsense.status.locked` shows it. To unlock unti
 A challenge counts for one attempt of one start. After a refused signature none is checked for one second. To leave the
 lock, unlock, write 0, and store.
 
-A node whose stored settings are damaged starts with the defaults, unlocked. The heartbeat's vendor status (bit 6) and a
-record say so.
+A node whose stored settings are damaged starts with the defaults, unlocked. It sets bit 6 (value 64) of the heartbeat's
+vendor status and sends a record.
 ";
 
 #[test]

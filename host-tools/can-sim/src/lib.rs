@@ -7,13 +7,13 @@
 //!           every bit     how many     clock cycles
 //! ```
 //!
-//! Emulated peripheral, scheduler tests and bus planner use the same arithmetic. [`controller`] has a bus of its own, on
-//! which a frame of a length always takes that length's worst case. Times are whole cycles of the CAN kernel clock, so
-//! nothing is rounded until someone asks for nanoseconds.
+//! The emulated peripheral, the scheduler's tests and the bus planner use the same arithmetic. [`controller`] has a bus of
+//! its own, on which each frame takes the longest time that a frame of its length can take. Times are whole cycles of the
+//! CAN kernel clock: nothing is rounded until someone asks for nanoseconds.
 //!
-//! The rules are ISO 11898-1:2015's, cited by the names of its fields and written from memory of the standard and
-//! of Bosch's CAN FD specification 1.0; an encoder in Python that shares no code with this one and gives the published
-//! check values of the three CRCs is the oracle of every bit (`tests/python/check_can_bits.py`).
+//! The rules are those of ISO 11898-1:2015, with its names of the fields. They were written from memory of that standard
+//! and of Bosch's CAN FD specification 1.0. A Python encoder that shares no code with this one checks every bit; it gives
+//! the published check values of the three CRCs (`tests/python/check_can_bits.py`).
 #![forbid(unsafe_code)]
 
 mod bus;

@@ -145,9 +145,9 @@ fn help_markdown(program: clap::Command) -> String {
     }
     let mut program = program.term_width(HELP_COLUMNS);
     program.build();
-    let mut page =
-        "# Commands\n\nThe help of every command. A test holds this page equal to what the commands print.\n"
-            .to_owned();
+    let mut page = "# Commands\n\nThe help of every command. A test holds this page equal to what the commands print. \
+                    Commands that train show their\noptions with `cargo run --release --features train -- COMMAND --help`.\n"
+        .to_owned();
     section(&mut program, &mut page);
     page
 }

@@ -1,5 +1,5 @@
-//! The Python package `slipsense`: the very pipeline of the firmware, its messages and its episode files. What is
-//! here turns numpy arrays into the library's types and back; `slipsense/__init__.pyi` says what a user sees.
+//! The Python package `slipsense`: the firmware's pipeline, its messages and its episode files. This crate converts
+//! numpy arrays to the library's types and back. `slipsense/__init__.pyi` describes the package for its users.
 
 mod bus;
 mod episode;

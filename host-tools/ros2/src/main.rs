@@ -1,4 +1,4 @@
-//! `slipsense-ros2`: the module in ROS 2: its messages, a node that publishes them, and recordings as bags.
+//! `slipsense-ros2` brings the module to ROS 2: a node publishes its messages, and recordings become bags.
 
 mod bag;
 mod diagnostics;

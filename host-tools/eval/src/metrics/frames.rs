@@ -1,7 +1,7 @@
 //! Frame by frame: how many frames got the right class.
 //!
 //! * *Accuracy*: share of frames whose class is right. *Macro F1*: unweighted mean of the F1 of the three
-//!   classes (of those that occur).
+//!   classes (of those that occur or are predicted).
 //! * *FPR*: frames falsely called slip, as a share of the frames that do not slip (the headline), or of
 //!   all frames. The paper does not say which it means; its Table 1 leaves only the former: an FPR of
 //!   22.98 % of all frames cannot stand beside an accuracy of 79.41 %.

@@ -17,7 +17,7 @@ pub(crate) struct Group {
 pub(crate) struct Grouping {
     pub(crate) by: &'static str,
     pub(crate) groups: Vec<Group>,
-    /// The group of the lowest macro F1.
+    /// The group of the lowest macro F1: of those with slip, if there are any.
     pub(crate) worst: Option<String>,
 }
 
@@ -79,7 +79,10 @@ fn grouping(by: &'static str, key: Key<'_>, episodes: &[(&Truth, &EpisodeRecord)
     };
     let groups: Vec<Group> = values.into_iter().map(group).collect();
     let f1 = |group: &&Group| group.figures.frame.macro_f1.unwrap_or(f64::INFINITY);
-    let worst = groups.iter().min_by(|a, b| f1(a).total_cmp(&f1(b))).map(|group| group.value.clone());
+    // Without slip, a single frame of false slip makes a class's F1 zero.
+    let still = |group: &&Group| group.figures.encoder_events.events == 0;
+    let worst = groups.iter().min_by(|a, b| still(a).cmp(&still(b)).then(f1(a).total_cmp(&f1(b))));
+    let worst = worst.map(|group| group.value.clone());
     Grouping { by, worst: worst.filter(|_| groups.len() > 1), groups }
 }
 

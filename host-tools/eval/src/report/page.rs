@@ -264,7 +264,7 @@ fn definitions(results: &Results) -> Markup {
                 "hour of the time outside slip ± 50 ms. Its cause is what happened from 150 ms before its start, short impacts first. "
                 "Bounds are exact one-sided 95 % bounds of a Poisson rate." }
             dt { "FPR" } dd { "Frames falsely called slip, of the frames that do not slip." }
-            dt { "Macro F1" } dd { "Mean of the F1 of the three classes. No contact is a rule on the pressure sum that labels and detectors may share." }
+            dt { "Macro F1" } dd { "Mean of the F1 of the three classes, of those that occur or are predicted. No contact is a rule on the pressure sum that labels and detectors may share." }
             dt { "Operating point" } dd { "The lowest threshold whose FPR on the validation input does not exceed the target, applied unchanged." }
             dt { "Intervals" } dd { "95 %, bootstrap over episodes, 1000 draws with a fixed seed; none below 5 episodes." }
             dt { "Streams" } dd { "The episodes of an input, by name, are cut into " (results.streams) " contiguous streams (fewer if there are fewer "

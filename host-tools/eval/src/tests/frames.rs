@@ -1,6 +1,7 @@
 //! Frame by frame, by hand.
 
 use super::*;
+use crate::metrics::groups::groupings;
 
 #[test]
 fn contact_only_and_guard_band_by_hand() {
@@ -36,4 +37,17 @@ fn a_false_slip_frame_is_before_after_or_elsewhere() {
     assert_eq!(parts.fpr_elsewhere_share, share(3 + 1 + 3), "10 to 12, 27, 102 to 104");
     assert_eq!(figures.frame.fpr_of_non_slip_share, share(21));
     assert_eq!(Figures::new([]).false_slip.fpr_elsewhere_share, None);
+}
+
+#[test]
+fn the_worst_group_is_one_with_slip() {
+    let slips = with(episode(100, &[40..60]), "speed_mm_s", 2.into());
+    let still = episode(100, &[]);
+    let [slips, still] =
+        [(&slips, 45..60), (&still, 50..51)].map(|(e, flags)| (truth(e), record(e, &[flags])));
+    let f1 = |of: &(Truth, EpisodeRecord)| Figures::new([&of.1]).frame.macro_f1;
+    assert!(f1(&still) < Some(0.5) && f1(&slips) > Some(0.9), "one frame of false slip");
+    let groupings = groupings(&[&still, &slips].map(|(truth, record)| (truth, record)));
+    let by_speed = groupings.into_iter().find(|grouping| grouping.by == "speed").unwrap();
+    assert_eq!(by_speed.worst.as_deref(), Some("2 mm/s"));
 }

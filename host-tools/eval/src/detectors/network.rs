@@ -88,14 +88,18 @@ fn score(log_odds: Option<Logit>) -> f32 {
     log_odds.map_or(NEVER, |log_odds| log_odds.to_f64() as f32)
 }
 
-/// By how much slip's logit leads those that compete with it: contact without slip, and no contact where a missing array
-/// leaves open whether a pad is touched.
-fn lead(output: &Output) -> Option<Logit> {
-    let [no_contact, no_slip, slip] = output.logits;
+/// The class if it is not slip: by the network where a missing array leaves open whether a pad is touched.
+fn fallback(output: &Output) -> u8 {
+    let [no_contact, no_slip, _] = output.logits;
     let touched = output.contact.iter().any(|pad| pad.sum >= CONTACT_SUM_MIN);
-    let rival = if touched { no_slip } else { no_slip.max(no_contact) };
     // Log-odds are missing where no pad is touched.
-    output.log_odds.map(|_| Logit::from_bits(slip.to_bits() - rival.to_bits()))
+    u8::from(output.log_odds.is_some() && (touched || no_slip > no_contact))
+}
+
+/// By how much slip's logit leads that of the class that competes with it.
+fn lead(output: &Output) -> Option<Logit> {
+    let [rival, slip] = [fallback(output), SLIP].map(|class| output.logits[usize::from(class)].to_bits());
+    output.log_odds.map(|_| Logit::from_bits(slip - rival))
 }
 
 /// The pipeline's rule as a score: on a touched pad, slip is where its logit is above the other's. Nat,
@@ -107,7 +111,7 @@ pub(super) fn network(model: &[u8], dead: Option<Modality>) -> Result<Detector<'
         stream.run(episode, |output| {
             prediction.class.push(output.class as u8);
             prediction.score.push(score(lead(output)));
-            prediction.fallback.push(output.log_odds.is_some().into());
+            prediction.fallback.push(fallback(output));
         })?;
         Ok(prediction)
     }))
@@ -122,16 +126,16 @@ pub(super) fn network_alarm(model: &[u8], dead: Option<Modality>) -> Result<Dete
     let mut stream = PipelineStream::new(model, dead);
     Ok(Box::new(move |episode| {
         let mut frames = Vec::with_capacity(episode.frames());
-        let goes_on = stream.run(episode, |output| frames.push((output.log_odds, output.slip)))?;
+        let goes_on =
+            stream.run(episode, |output| frames.push((output.log_odds, output.slip, fallback(output))))?;
         if !goes_on {
             recent.clear();
         }
         let mut prediction = Prediction { threshold: score(Some(threshold)), ..Prediction::default() };
-        for (frame, (margin, alarm)) in frames.into_iter().enumerate() {
+        for (frame, (margin, alarm, fallback)) in frames.into_iter().enumerate() {
             let largest = recent.push(margin);
             let over = largest.is_some_and(|margin| margin > threshold);
             ensure!(over == alarm, "frame {frame}: the pipeline's alarm is not k of the last n frames");
-            let fallback = u8::from(margin.is_some());
             prediction.class.push(if alarm { SLIP } else { fallback });
             prediction.score.push(score(largest));
             prediction.fallback.push(fallback);

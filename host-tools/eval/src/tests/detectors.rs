@@ -11,12 +11,16 @@ use slipsense_synth::{ObjectChoice, Platform, Recipe, ScenarioChoice, generate};
 
 use super::*;
 use crate::detector::{ClassOrder, NEVER};
-use crate::detectors::{DETECTORS, Setup, by_name};
+use crate::detectors::{DETECTORS, Modality, Setup, by_name};
 use crate::fit::{Plan, fit};
 use crate::fitted::Fitted;
 use crate::source::Handle;
 
 const MODEL: &[u8] = &Aligned(*include_bytes!("../../../../model/weights/slipsense.slipnet")).0;
+
+/// Of a network of random weights.
+const SMALL: Dims =
+    Dims { conv_channels: [2, 2, 2], embed: 4, xl_kernel: 2, xl_channels: 4, heads: 2, window: 8 };
 
 /// They look at the recipe of an episode and at nothing else.
 const RECIPE_ALONE: [&str; 2] = ["rig-only", "idle-noise"];
@@ -149,6 +153,18 @@ fn classes_follow_from_score_threshold_and_fallback() {
 }
 
 #[test]
+fn without_arrays_the_network_says_what_contact_is() {
+    let model = random_model(SMALL, 1).to_bytes().unwrap();
+    let dead = Setup { model: &model, dead: Some(Modality::Piezo), ..setup() };
+    let episode = cut(&generated(3), 720);
+    for name in ["network", "network-alarm"] {
+        let prediction = &predict_with(name, &dead, &[&episode])[0];
+        assert!((0..=2).all(|class| prediction.class.contains(&class)), "{name}");
+        assert_eq!(prediction.classes_at(prediction.threshold), prediction.class, "{name}");
+    }
+}
+
+#[test]
 fn one_and_three_sensors_and_a_change_between_them() {
     let platform = Platform::Tesollo;
     let episode =
@@ -215,8 +231,7 @@ fn the_mounting_of_the_accelerometers_does_not_matter() {
 /// `network-alarm` against the rule counted by hand from its scores of single frames.
 #[test]
 fn k_of_n_over_the_threshold_across_episodes() {
-    let dims = Dims { conv_channels: [2, 2, 2], embed: 4, xl_kernel: 2, xl_channels: 4, heads: 2, window: 8 };
-    let mut file = random_model(dims, 3);
+    let mut file = random_model(SMALL, 3);
     let mut predict_at = |name: &str, point: OperatingPoint, episodes: &[&Episode]| {
         file.point = point;
         predict_with(name, &Setup { model: &file.to_bytes().unwrap(), ..setup() }, episodes)

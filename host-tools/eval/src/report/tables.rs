@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use slipsense::params::FRAME_RATE_HZ;
+
 use crate::metrics::alarms::{AlarmFigures, Rate};
 use crate::metrics::bootstrap::InputFigures;
 use crate::metrics::events::{EventFigures, WITHIN_FRAMES};
@@ -336,7 +338,7 @@ pub(super) fn compute(results: &Results) -> Table {
         ("median latency with it, ms", |detector| {
             let frames = detector.all.encoder_events.latency_median_frames;
             let ms = frames.zip(detector.compute_us_per_frame);
-            number(ms.map(|(frames, us)| frames * 1000.0 / 240.0 + us / 1000.0), 2)
+            number(ms.map(|(frames, us)| frames * 1000.0 / f64::from(FRAME_RATE_HZ) + us / 1000.0), 2)
         }),
     ])
 }

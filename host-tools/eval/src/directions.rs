@@ -1,5 +1,5 @@
-//! Slips by their direction: the rig pulls one way only, so the others show whether a detector learnt slip or
-//! the rig.
+//! Slips by their direction: does a detector know slip, or the rig, which pulls one way only? Training has pulls any way
+//! and twists by hand as well, of other objects.
 //!
 //! A slip on the rig is labelled by the crosshead, one by hand by the interface. The onset of the crosshead
 //! comes earlier, so only the latencies against the interface truth compare across the rows.

@@ -1,4 +1,4 @@
-//! Which way an object slips over the pad: models trained on the rig's way alone have never seen the others.
+//! Which way an object slips over the pad: one way on the rig, any by hand. Training has both.
 
 use libm::{cos, sin};
 use serde::{Deserialize, Serialize};

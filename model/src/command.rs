@@ -102,7 +102,7 @@ pub fn run_quantize(args: &QuantizeArgs) -> Result<()> {
     output::write(&args.out, &bytes).context("the model was not written")?;
     if let Some(path) = &args.report {
         let validation = match args.data {
-            None => "synthetic, split val".to_owned(),
+            None => "synthetic, splits val and val_anywhere and disturbances in turn".to_owned(),
             Some(_) => source.describe(),
         };
         let report = json!({

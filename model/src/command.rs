@@ -196,7 +196,7 @@ fn table(total: &Comparison) -> String {
     }
     let agreement = percent(total.agreement());
     text + &format!(
-        "\ninteger and float give the same class in {agreement} of {} frames; logits {:.1} dB apart\n",
+        "\ninteger and float give the same class in {agreement} of {} frames; logits {:.1} dB above their error\n",
         columns[0].frames,
         total.logit_snr_db()
     )

@@ -123,7 +123,7 @@ pub struct Comparison {
     pub always_slip: Scores,
     /// Frames with the same class from both networks.
     pub agreed: u64,
-    /// Sum of squares of the float logits, and of the integer ones' differences from them.
+    /// Sum of squares of the float logits that the integers have, and of the integer ones' differences from them.
     pub logit_power: [f64; 2],
 }
 
@@ -162,8 +162,8 @@ pub fn compare(model: Model<'_>, float_graphs: &Graphs, episode: &Episode) -> Re
         let seen = inputs[..episode.sensors].iter().zip(features);
         let seen = seen.map(|(input, xl)| SensorFeatures { piezo: input.piezo, xl: Some(xl) });
         let logits = float_network.step(&seen.collect::<Vec<_>>())?;
-        let log_odds = output.log_odds.unwrap_or(Logit::from_bits((logits[OUTPUTS - 1] * 1024.0) as i32));
-        for (float, integer) in logits.into_iter().zip(output.logits.into_iter().chain([log_odds])) {
+        // Log-odds are missing where no pad is touched.
+        for (float, integer) in logits.into_iter().zip(output.logits.into_iter().chain(output.log_odds)) {
             let error = f64::from(float) - integer.to_f64();
             result.logit_power[0] += f64::from(float).powi(2);
             result.logit_power[1] += error * error;

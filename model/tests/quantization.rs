@@ -1,12 +1,15 @@
 //! Integers against float, refusals, and files read back.
 
 use slipsense::net::{Model, Network, SensorFeatures};
-use slipsense::params::OUTPUTS;
+use slipsense::params::{CLASSES, OUTPUTS};
+use slipsense::sensor::PiezoFrame;
+use slipsense_model::evaluate::compare;
 use slipsense_model::quantize::quantize;
 use slipsense_model::trace::Ranges;
 use slipsense_model::tract::{Graphs, TractNetwork};
 use slipsense_model::weights::{FIRST_DIMS, Weights, specs};
 use slipsense_model::{export, weights};
+use slipsense_recording::{Episode, Meta};
 
 use crate::common;
 
@@ -56,6 +59,26 @@ fn the_integer_network_follows_the_float_one() {
     }
     let mean_db = of_whole_db.iter().sum::<f64>() / of_whole_db.len() as f64;
     assert!(mean_db >= 50.0, "{mean_db} dB");
+}
+
+#[test]
+fn log_odds_that_the_integers_lack_are_not_compared() {
+    let mut weights = common::random_weights(7);
+    let (_, ranges) = run_float(&weights, 1, false);
+    let bytes = export::to_bytes(&quantize(&weights, &ranges, "{}").unwrap()).unwrap();
+    common::tensor_mut(&mut weights, "head", "bias")[CLASSES] = 1e6;
+    let untouched = Episode {
+        sensors: 1,
+        piezo: vec![PiezoFrame::zeroed(); 3],
+        xl: vec![vec![[0; 3]; 99]],
+        xl_end: vec![33, 66, 99],
+        label: Some(vec![0; 3]),
+        meta: Meta::nominal(1e-3),
+        ..Episode::default()
+    };
+    let graphs = Graphs::new(&weights).unwrap();
+    let [power, _] = compare(Model::parse(&bytes).unwrap(), &graphs, &untouched).unwrap().logit_power;
+    assert!(power < 1e9, "{power}: without the log-odds");
 }
 
 #[test]

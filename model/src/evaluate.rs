@@ -183,20 +183,17 @@ pub fn compare(model: Model<'_>, float_graphs: &Graphs, episode: &Episode) -> Re
 
 /// An episode's outputs under the pipeline's decision.
 pub fn score_logits(features: &Features, outputs: &[[f32; OUTPUTS]]) -> Scores {
-    Scores::new(&features.label, &classes(features, outputs))
+    Scores::new(&features.label, &classes(features, outputs, true))
 }
 
-/// An episode's outputs where the network alone says what contact is: the largest of the three classes' logits.
-pub(crate) fn score_alone(features: &Features, outputs: &[[f32; OUTPUTS]]) -> Scores {
-    let class = |&[no_contact, no_slip, slip, _]: &[f32; OUTPUTS]| {
-        decide(no_contact < no_slip.max(slip), &[0.0, no_slip, slip, 0.0])
+/// The pipeline's class of every frame by the network's outputs, all pads being there; or, where these do not say what
+/// contact is, that of the largest logit.
+pub(crate) fn classes(features: &Features, outputs: &[[f32; OUTPUTS]], pads_say_contact: bool) -> Vec<u8> {
+    let class = |(touched, outputs): (bool, &[f32; OUTPUTS])| {
+        let [no_contact, no_slip, slip, _] = *outputs;
+        decide(if pads_say_contact { touched } else { no_contact < no_slip.max(slip) }, outputs)
     };
-    Scores::new(&features.label, &outputs.iter().map(class).collect::<Vec<_>>())
-}
-
-/// The pipeline's class of every frame by the network's outputs, all pads being there.
-pub(crate) fn classes(features: &Features, outputs: &[[f32; OUTPUTS]]) -> Vec<u8> {
-    features.contacts().zip(outputs).map(|(touched, outputs)| decide(touched, outputs)).collect()
+    features.contacts().zip(outputs).map(class).collect()
 }
 
 /// The same of one frame.

@@ -6,9 +6,9 @@ use slipsense::params::{CLASSES, FRAME_RATE_HZ, OUTPUTS};
 use slipsense_recording::score::{SLIP, runs};
 use slipsense_synth::Split;
 
-use super::BOTH_ROW;
 use super::results::{Example, RowResults};
 use super::sets::Sets;
+use super::{BOTH_ROW, Row};
 use crate::data::Features;
 use crate::evaluate::classes;
 use crate::picture::{self, Area, COLOURS};
@@ -19,11 +19,11 @@ const SIZE: (u32, u32) = (900, 420);
 
 /// What a network says of the episode; none for a row that is not in the picture.
 pub(super) fn of(
-    row: &str,
+    row: &Row,
     sets: &Sets,
     outputs: impl Fn(&Features) -> Vec<[f32; OUTPUTS]>,
 ) -> Option<Example> {
-    SHOWN.iter().find(|(name, _)| *name == row)?;
+    SHOWN.iter().find(|(name, _)| *name == row.name)?;
     let features = sets.splits.iter().find(|(split, _)| *split == Split::UmiOod)?.1.first()?;
     let outputs = outputs(features);
     let probability = |logits: &[f32; OUTPUTS]| {
@@ -32,7 +32,7 @@ pub(super) fn of(
     };
     Some(Example {
         label: features.label.clone(),
-        class: classes(features, &outputs),
+        class: classes(features, &outputs, row.variant.pads_say_contact()),
         slip_probability: outputs.iter().map(probability).collect(),
     })
 }

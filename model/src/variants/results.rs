@@ -131,7 +131,7 @@ impl SplitFigures {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Example {
     pub label: Vec<u8>,
-    /// By the pipeline's decision.
+    /// As it is scored.
     pub class: Vec<u8>,
     /// Of the three classes, 0 to 1.
     pub slip_probability: Vec<f32>,
@@ -158,7 +158,7 @@ pub struct Finished {
     /// The whole network on one window of two sensors in contact, on this computer, ms; null where no episode slips.
     pub window_ms: Option<f64>,
     pub splits: Vec<SplitFigures>,
-    /// Of rows with our encoders, on validation data at ten false alarms per hour.
+    /// Of rows with our encoders and with pads, which it needs, on validation data at ten false alarms per hour.
     pub detector: Option<DetectorFigures>,
     /// Of the rows that the picture of an episode shows.
     pub example: Option<Example>,

@@ -112,8 +112,10 @@ impl Run<'_> {
         };
         let bar = self.bar(row, seed, 0);
         bar.set_message("score");
-        let splits = self.sets.score(splits, episodes, row.variant.pads_say_contact(), &bar, &outputs);
-        let detector = row.encoders.is_none().then(|| self.sets.detector(&bar, &outputs));
+        let pads_say_contact = row.variant.pads_say_contact();
+        let splits = self.sets.score(splits, episodes, pads_say_contact, &bar, &outputs);
+        let has_detector = row.encoders.is_none() && pads_say_contact;
+        let detector = has_detector.then(|| self.sets.detector(&bar, &outputs));
         bar.finish_and_clear();
         Finished {
             row: row.name.to_owned(),
@@ -123,7 +125,7 @@ impl Run<'_> {
             device: self.device_name,
             parameters,
             loss: None,
-            example: example::of(row.name, self.sets, &outputs),
+            example: example::of(row, self.sets, &outputs),
             window_ms: window_ms(self.sets, outputs),
             wall_s: started.elapsed().as_secs_f64(),
             splits,

@@ -10,9 +10,7 @@ use slipsense_synth::{Recipe, Split};
 use super::BASE;
 use super::results::{Budget, SplitFigures};
 use crate::data::{Features, disturbances, first, recipes};
-use crate::evaluate::{
-    DetectorFigures, VALIDATION_ALARMS_PER_HOUR, detector_figures, score_alone, score_logits,
-};
+use crate::evaluate::{DetectorFigures, Scores, VALIDATION_ALARMS_PER_HOUR, classes, detector_figures};
 use crate::folder::Use;
 
 /// Splits that every row is scored on.
@@ -63,7 +61,7 @@ impl Sets {
         let one = |features: &Features| {
             bar.inc(1);
             let outputs = outputs(features);
-            if pads_say_contact { score_logits(features, &outputs) } else { score_alone(features, &outputs) }
+            Scores::new(&features.label, &classes(features, &outputs, pads_say_contact))
         };
         let figures = |(split, all): &(Split, Vec<Features>)| {
             SplitFigures::new(*split, all.iter().take(episodes).map(one).collect())

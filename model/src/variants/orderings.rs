@@ -211,7 +211,6 @@ pub(super) fn orderings(rows: &[RowResults]) -> Vec<Ordering> {
         on_umi("concatenation > late", "concatenation", "late"),
         on_umi("32×32 > 16×16", BASE_ROW, "side16"),
         on_umi("16×16 > 8×8", "side16", "side8"),
-        on_umi("8×8 > XL only", "side8", "xl"),
         on_umi("T = 15 > T = 6", "t15", "t6"),
         on_umi("T = 30 > T = 15", "t30", "t15"),
         on_umi("T = 60 > T = 30", BASE_ROW, "t30"),

@@ -20,6 +20,8 @@ use crate::real_parts::RealParts;
 use crate::target::Target;
 use crate::weights::Weights;
 
+/// Most hours to search: an episode's number in a file's name has five digits.
+const MOST_HOURS: f64 = 555.0;
 /// Frames of a stretch that is kept or not: two seconds.
 const STRETCH_FRAMES: usize = 480;
 /// A stretch is kept if the log-odds of a touched frame without slip are above this, nat.
@@ -59,7 +61,7 @@ pub struct MineArgs {
 }
 
 pub fn run_mine(args: &MineArgs) -> Result<()> {
-    ensure!(args.hours > 0.0 && args.hours <= 1000.0, "--hours must be above 0 and at most 1000");
+    ensure!(args.hours > 0.0 && args.hours <= MOST_HOURS, "--hours must be above 0 and at most {MOST_HOURS}");
     let weights = Weights::read(&args.weights)?;
     let real_parts = args.real_parts.as_deref().map(RealParts::read).transpose()?;
     output::folder(&args.out)?;

@@ -141,6 +141,9 @@ fn a_folder_without_episodes_or_a_command_without_sense_is_refused() {
     let message = error(TrainArgs { data: Some(folder.path().join("none")), ..args.clone() });
     assert!(message.starts_with("cannot read ") && message.contains("none"), "{message}");
     assert_eq!(error(TrainArgs { epochs: 0, ..args.clone() }), "--epochs must be at least 1");
+    let mine: MineArgs = common::args(&format!("none --out {} --hours 556", out.display()));
+    let message = format!("{:#}", run_mine(&mine).unwrap_err());
+    assert_eq!(message, "--hours must be above 0 and at most 555");
     let blocked = folder.path().join("file");
     fs::write(&blocked, "").unwrap();
     let message = error(TrainArgs { out: blocked.join("x"), ..args });

@@ -11,9 +11,11 @@ use crate::output;
 use crate::weights::Weights;
 
 const FOLDER: &str = "checkpoint";
+const NEW: &str = "checkpoint.new";
 const WEIGHTS: &str = "weights.safetensors";
 const AVERAGE: &str = "average.safetensors";
 const OPTIMIZER: &str = "optimizer.bpk";
+/// Written last: what has it is whole.
 const STATE: &str = "state.json";
 
 /// One line of the curves.
@@ -85,9 +87,8 @@ struct State {
 impl Checkpoint {
     /// Replace the folder's checkpoint by this one: written beside it, then swapped.
     pub fn write(&self, out: &Path, optimizer: &ModuleOptimizer) -> Result<()> {
-        let (new, place) = (out.join("checkpoint.new"), out.join(FOLDER));
+        let (new, place) = (out.join(NEW), out.join(FOLDER));
         let failed = || format!("cannot write {}", place.display());
-        let remove = |path: &Path| if path.exists() { fs::remove_dir_all(path) } else { Ok(()) };
         remove(&new).with_context(failed)?;
         fs::create_dir_all(&new).with_context(failed)?;
         self.weights.write(&new.join(WEIGHTS))?;
@@ -95,8 +96,7 @@ impl Checkpoint {
         optimizer.save(new.join(OPTIMIZER)).map_err(|e| anyhow!("{e}")).with_context(failed)?;
         let state = State { rows: self.rows.clone(), recipe: self.recipe.clone() };
         output::write(&new.join(STATE), serde_json::to_string_pretty(&state)?.as_bytes())?;
-        remove(&place).with_context(failed)?;
-        fs::rename(&new, &place).with_context(failed)
+        swap(out)
     }
 
     /// Read the folder's checkpoint back; refuses one of a run with another recipe.
@@ -106,6 +106,10 @@ impl Checkpoint {
         optimizer: ModuleOptimizer,
     ) -> Result<(Self, ModuleOptimizer)> {
         let place = out.join(FOLDER);
+        if out.join(NEW).join(STATE).exists() {
+            // The run was stopped before this.
+            swap(out)?;
+        }
         let path = place.join(STATE);
         let text = output::read(&path).context("no run to resume")?;
         let State { rows, recipe: started } =
@@ -124,4 +128,15 @@ impl Checkpoint {
             .with_context(|| format!("cannot use {}", path.display()))?;
         Ok((Self { weights, average, rows, recipe: started }, optimizer))
     }
+}
+
+fn remove(folder: &Path) -> std::io::Result<()> {
+    if folder.exists() { fs::remove_dir_all(folder) } else { Ok(()) }
+}
+
+/// Put what is written in the place of the checkpoint before.
+fn swap(out: &Path) -> Result<()> {
+    let place = out.join(FOLDER);
+    let swapped = remove(&place).and_then(|()| fs::rename(out.join(NEW), &place));
+    swapped.with_context(|| format!("cannot write {}", place.display()))
 }

@@ -31,8 +31,9 @@ fn train_resume_and_quantize() {
     let first = fs::read(&weights).unwrap();
     assert_eq!(fs::read_to_string(out.join("curves.csv")).unwrap().lines().count(), 2);
 
-    // All epochs are done: resuming writes the same result again.
+    // All epochs are done: resuming writes the same result again, here from a checkpoint not yet put in its place.
     fs::remove_file(&weights).unwrap();
+    fs::rename(out.join("checkpoint"), out.join("checkpoint.new")).unwrap();
     run_train(&TrainArgs { resume: true, ..args.clone() }).unwrap();
     assert_eq!(fs::read(&weights).unwrap(), first);
     let other = run_train(&TrainArgs { resume: true, batch: 29, ..args }).unwrap_err();

@@ -139,7 +139,9 @@ fn train(options: &Options, folder: &Path, seed: u64, size: &[&str]) -> Result<C
     if let Some(parts) = &options.real_parts {
         train.arg("--real-parts").arg(std::path::absolute(parts)?);
     }
-    if options.resume && folder.join("checkpoint").exists() {
+    // The second: stopped before it was put in the place of the first.
+    let begun = ["checkpoint", "checkpoint.new/state.json"].iter().any(|at| folder.join(at).exists());
+    if options.resume && begun {
         train.arg("--resume");
     }
     Ok(train)

@@ -1,5 +1,5 @@
-//! The two commands from end to end, on a handful of episodes: they make what they say, and a run that
-//! is resumed is the run that was begun.
+//! The two commands from end to end, on a handful of episodes: they make what they say, and a finished
+//! run that is resumed writes the same again.
 
 use std::collections::BTreeSet;
 use std::fs;

@@ -196,7 +196,8 @@ pub struct Receiver {
     slip_1: Reassembler<FRAME_PAYLOAD>,
     raw: Reassembler<RAW_TRANSFER_MAX>,
     compressed: Reassembler<RAW_TRANSFER_MAX>,
-    missed: u32,
+    missed_slip: u32,
+    missed_raw: u32,
 }
 
 impl Receiver {
@@ -209,7 +210,8 @@ impl Receiver {
             slip_1: Reassembler::new(),
             raw: Reassembler::new(),
             compressed,
-            missed: 0,
+            missed_slip: 0,
+            missed_raw: 0,
         }
     }
 
@@ -229,7 +231,11 @@ impl Receiver {
         };
         let transfer = transfer.map_err(|error| ReceiveError::Transfer { port: id.port, error })?;
         let Some(Transfer { missed, payload, .. }) = transfer else { return Ok(None) };
-        self.missed = self.missed.saturating_add(missed.into());
+        let count = match id.port {
+            SLIP_PORT | SLIP_1_PORT => &mut self.missed_slip,
+            _ => &mut self.missed_raw,
+        };
+        *count = count.saturating_add(missed.into());
         let message = match id.port {
             SLIP_PORT => SlipMessage::decode(self.node, payload).map(Received::Slip),
             SLIP_1_PORT => SlipMessage::decode_1(payload).map(Received::Slip),
@@ -241,7 +247,18 @@ impl Receiver {
 
     /// Transfers lost so far, by their 5-bit identifiers: the sequence numbers of the messages tell of 32 and more.
     pub const fn missed(&self) -> u32 {
-        self.missed
+        self.missed_slip.saturating_add(self.missed_raw)
+    }
+
+    /// Those of them that had raw messages.
+    pub const fn missed_raw(&self) -> u32 {
+        self.missed_raw
+    }
+
+    /// The module has started again, so its raw messages are numbered anew: from there on none is missed yet.
+    pub fn restart_raw(&mut self) {
+        self.raw.reset();
+        self.compressed.reset();
     }
 }
 

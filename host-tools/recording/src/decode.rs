@@ -54,19 +54,18 @@ pub struct Count {
     pub slip_lost: u64,
     pub raw: u64,
     /// Raw messages that did not come, by their transfer identifiers: right while fewer than 32 in a row are lost.
-    /// One that the module itself gave up on a full bus is among them.
+    /// One that the module itself gave up on a full bus is among them; what is lost at a start of the module is not.
     pub raw_lost: u64,
     /// CAN frames that fit no transfer, damaged transfers and messages that do not decode.
     pub errors: u64,
-    /// Starts of the module, seen by numbers that begin anew.
+    /// Starts of the module, which it counts; without its supply it forgets them, and the numbers of its frames go back.
     pub restarts: u64,
 }
 
 struct Node {
     receiver: Box<Receiver>,
-    sequence: Option<u32>,
-    /// Slip messages that the receiver has counted as missed.
-    slip_missed: u64,
+    /// Start of the module and number of the frame, of the last slip message.
+    last: Option<(u8, u32)>,
     count: Count,
 }
 
@@ -93,8 +92,7 @@ impl Decoder {
         };
         let node = self.nodes.entry(id.node.get()).or_insert_with(|| Node {
             receiver: Box::new(Receiver::new(id.node)),
-            sequence: None,
-            slip_missed: 0,
+            last: None,
             count: Count::default(),
         });
         let Ok(received) = node.receiver.accept(frame) else {
@@ -106,7 +104,7 @@ impl Decoder {
             Received::Slip(slip) => node.slip(slip),
             Received::Raw(_) => node.count.raw += 1,
         }
-        node.count.raw_lost = u64::from(node.receiver.missed()).saturating_sub(node.slip_missed);
+        node.count.raw_lost = node.receiver.missed_raw().into();
         Some(Decoded { node: id.node, message })
     }
 
@@ -119,26 +117,23 @@ impl Decoder {
 impl Node {
     fn slip(&mut self, message: &SlipMessage) {
         self.count.slip += 1;
-        if let Some(last) = self.sequence {
+        if let Some((starts, last)) = self.last.replace((message.starts, message.sequence)) {
             let gap = message.sequence.wrapping_sub(last.wrapping_add(1));
-            if gap < u32::MAX / 2 {
+            if starts == message.starts && gap < u32::MAX / 2 {
                 self.count.slip_lost += u64::from(gap);
-                // Five bits of transfer identifier are all that the receiver sees.
-                self.slip_missed += u64::from(gap % 32);
             } else {
                 self.count.restarts += 1;
-                // What it counted over the start means nothing.
-                self.slip_missed = u64::from(self.receiver.missed()) - self.count.raw_lost;
+                self.receiver.restart_raw();
             }
         }
-        self.sequence = Some(message.sequence);
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use slipsense::wire::Transmitter;
+    use slipsense::sensor::SensorInput;
+    use slipsense::wire::{RawBuffer, RawFrame, Transmitter};
 
     fn slips(numbers: impl IntoIterator<Item = u32>) -> Count {
         let mut decoder = Decoder::new();
@@ -161,6 +156,50 @@ mod tests {
             slips((0..100).filter(|n| !(10..75).contains(n))),
             Count { slip: 35, slip_lost: 65, ..none }
         );
+
+    /// What comes of starts of a module: how often it has started, the frames that it has not dropped, and of these those
+    /// whose raw message is lost.
+    fn starts(starts: &[(u8, &[u32], &[u32])]) -> Count {
+        let (mut decoder, mut buffer) = (Decoder::new(), RawBuffer::new());
+        for &(starts, sequences, lost) in starts {
+            let mut transmitter = Transmitter::new(NodeId::DEFAULT);
+            for &sequence in sequences {
+                let message = SlipMessage { sequence, starts, sensors: 1, ..SlipMessage::default() };
+                decoder.accept(&transmitter.slip(&message));
+                let input = SensorInput { piezo: None, xl: Some(&[[1, 2, 3]]), xl_end: sequence };
+                let raw = RawFrame { timestamp_us: 0, sequence, sensor: 0, health: 0, input };
+                let kept = transmitter.raw(&raw, &mut buffer).filter(|_| !lost.contains(&sequence));
+                kept.for_each(|frame| _ = decoder.accept(&frame));
+            }
+        }
+        decoder.counts()[&42]
+    }
+
+    #[test]
+    fn raw_messages_are_counted_apart_from_slip_messages_and_from_start_to_start() {
+        let numbers: Vec<u32> = (0..100).collect();
+        let none = Count { slip: 200, raw: 200, restarts: 1, ..Count::default() };
+        // The second time its supply went, and with it the count of its starts.
+        for second in [2, 1] {
+            assert_eq!(starts(&[(1, &numbers, &[]), (second, &numbers, &[])]), none);
+        }
+        assert_eq!(
+            starts(&[(1, &numbers, &[]), (2, &numbers[1..], &[])]),
+            Count { slip: 199, raw: 199, ..none }
+        );
+        let lost = Count { raw: 196, raw_lost: 4, ..none };
+        assert_eq!(starts(&[(1, &numbers, &[7, 8]), (2, &numbers, &[50, 60])]), lost);
+        // Numbers that go on from those of the start before.
+        let more = Count { slip: 70, raw: 70, ..none };
+        assert_eq!(starts(&[(1, &numbers[..20], &[]), (2, &numbers[50..], &[])]), more);
+    }
+
+    #[test]
+    fn frames_that_the_module_drops_hide_no_lost_raw_message() {
+        let kept: Vec<u32> = (0..100).filter(|n| !(10..20).contains(n)).collect();
+        let count = Count { slip: 90, slip_lost: 10, raw: 87, raw_lost: 3, ..Count::default() };
+        assert_eq!(starts(&[(1, &kept, &[30, 31, 32])]), count);
+    }
         assert_eq!(slips((u32::MAX - 4..=u32::MAX).chain(0..5)), Count { slip: 10, ..none });
         assert_eq!(slips((500..510).chain(0..10)), Count { slip: 20, restarts: 1, ..none });
     }

@@ -276,7 +276,8 @@ impl SlipMessage {
         })
     }
 
-    /// Read a message of version 1.0, which has no check, no reasons and no log-odds; bytes after it are ignored.
+    /// Read a message of version 1.0, which has no check, no reasons and no log-odds; bytes after it are ignored. It does
+    /// not say whether its arrays are calibrated: they count as not, and its log-odds as the lowest.
     pub fn decode_1(bytes: &[u8]) -> Result<Self, DecodeError> {
         let mut reader = Reader::new(NAME, bytes.get(..SLIP_1_BYTES).unwrap_or(bytes));
         let timestamp_us = reader.unsigned::<7>()?;
@@ -305,8 +306,10 @@ impl SlipMessage {
             may_begin: flags & 4 != 0,
             sensors: flags >> 3 & SENSORS_MASK,
             invalid: bits_if(no_model, INVALID_NO_MODEL),
+            degraded: DEGRADED_NOT_CALIBRATED,
             late_frames,
             logits,
+            log_odds: Q::from_bits(i16::MIN),
             contact,
             ..Self::default()
         })

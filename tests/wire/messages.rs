@@ -5,9 +5,9 @@ use slipsense::fixed::Q;
 use slipsense::params::{ACTIVE_TAXELS, TAXELS};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
 use slipsense::wire::{
-    CanFrame, DecodeError, FD_LENGTHS, INVALID_NO_MODEL, NodeId, Origin, RAW_BYTES_MAX, RAW_XL_MAX,
-    RawBuffer, RawFrame, RawMessage, Received, Receiver, SLIP_BYTES, SensorContact, SlipMessage, Transmitter,
-    wire_logit,
+    CanFrame, DEGRADED_NOT_CALIBRATED, DecodeError, FD_LENGTHS, INVALID_NO_MODEL, NodeId, Origin,
+    RAW_BYTES_MAX, RAW_XL_MAX, RawBuffer, RawFrame, RawMessage, Received, Receiver, SLIP_BYTES,
+    SensorContact, SlipMessage, Transmitter, wire_logit,
 };
 
 use super::{NODE, expected, frame, raw};
@@ -185,7 +185,9 @@ fn layouts_are_those_of_the_definitions() {
         may_begin: true,
         sensors: 3,
         late_frames: 12,
+        degraded: DEGRADED_NOT_CALIBRATED,
         logits: [1, -1, i16::MAX].map(Q::from_bits),
+        log_odds: Q::from_bits(i16::MIN),
         contact: message.contact,
         ..SlipMessage::default()
     };

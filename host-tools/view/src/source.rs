@@ -58,7 +58,7 @@ pub fn episode<'a, R: Read + Seek>(
 /// ends it, with its number and what is wrong.
 pub fn log(log: impl BufRead, node: NodeId) -> impl Iterator<Item = Result<Record, CandumpError>> {
     let mut receiver = Receiver::new(node);
-    let front_ends = std::array::from_fn(|_| XlFrontEnd::new());
+    let front_ends = std::array::from_fn(|_| (XlFrontEnd::new(), 0));
     let mut assembly = Assembly { front_ends, open: None, last_sequence: None };
     let (mut entries, mut error) = (Some(CandumpReader::new(log)), None);
     iter::from_fn(move || {
@@ -89,7 +89,8 @@ pub fn log(log: impl BufRead, node: NodeId) -> impl Iterator<Item = Result<Recor
 
 /// Puts messages of one frame together. A frame is whole when the next one's slip message comes.
 struct Assembly {
-    front_ends: [XlFrontEnd; MAX_SENSORS],
+    /// And the index of the sample that comes next.
+    front_ends: [(XlFrontEnd, u32); MAX_SENSORS],
     open: Option<Record>,
     last_sequence: Option<u32>,
 }
@@ -106,13 +107,14 @@ impl Assembly {
 
     fn raw(&mut self, raw: RawMessage) {
         let index = usize::from(raw.sensor);
-        let Some(front_end) = self.front_ends.get_mut(index) else { return };
+        let Some((front_end, next)) = self.front_ends.get_mut(index) else { return };
         let has_samples = raw.health & health::XL_MISSING == 0;
-        if has_samples {
-            front_end.push(&raw.xl);
-        } else {
-            *front_end = XlFrontEnd::new();
+        // As the module does where samples are missing; here those as well that were lost or did not fit.
+        if !has_samples || *next != raw.xl_end.wrapping_sub(raw.xl.len() as u32) {
+            front_end.restart();
         }
+        front_end.push(&raw.xl);
+        *next = raw.xl_end;
         let open = self.open.as_mut().filter(|open| open.slip.sequence == raw.sequence);
         if let Some(sensor) = open.and_then(|open| open.sensors.get_mut(index)) {
             sensor.log_mel = has_samples.then(|| front_end.log_mel());

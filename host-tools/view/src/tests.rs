@@ -2,12 +2,13 @@
 
 use std::io::Cursor;
 
+use slipsense::features::{LN_FRAC_BITS, XlFrontEnd};
 use slipsense::fixed::Q;
 use slipsense::net::Model;
 use slipsense::net::format::Dims;
 use slipsense::pipeline::{FrameStamp, Pipeline};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
-use slipsense::wire::{NodeId, Origin, RawBuffer, SlipMessage, Transmitter};
+use slipsense::wire::{NodeId, Origin, RAW_XL_MAX, RawBuffer, SlipMessage, Transmitter};
 use slipsense_recording::candump::CandumpWriter;
 use slipsense_recording::model_file::random_model;
 
@@ -19,6 +20,8 @@ const FRAMES: u32 = 20;
 /// Frame whose slip message is lost, and frame of which one raw CAN frame is.
 const LOST: u32 = 7;
 const BROKEN: u32 = 12;
+/// Frame with more samples than a message holds.
+const LONG: u32 = 15;
 
 fn frames(sensors: usize, capacity: usize) -> Frames {
     Frames::new(Session { sensors, ..Session::of_log("test".into(), false) }, capacity)
@@ -96,21 +99,22 @@ fn the_last_seconds_are_kept_packed_and_said_from_where() {
     assert_eq!((kpa.len(), &kpa[..4]), (4 * 4096, &[0; 4][..]));
 }
 
-/// A candump log of a module with one sensor, and the pads that were felt.
-fn log() -> (Vec<u8>, Vec<PiezoFrame>) {
+/// A candump log of a module with one sensor, and of each frame the pad that was felt and the samples that were sent.
+fn log() -> (Vec<u8>, Vec<(PiezoFrame, Vec<XlSample>)>) {
     let file = random_model(Dims::from_fields([4, 8, 16, 32, 5, 32, 4, 60]).unwrap(), 3);
     let model = file.to_bytes().unwrap();
     let mut pipeline = Pipeline::new(Model::parse(&model).unwrap(), 1).unwrap();
     let mut transmitter = Transmitter::new(NodeId::DEFAULT);
-    let (mut raw_buffer, mut pads) = (RawBuffer::new(), Vec::new());
+    let (mut raw_buffer, mut felt, mut xl_end) = (RawBuffer::new(), Vec::new(), 0);
     let mut out = CandumpWriter::new(Vec::new(), "can0").unwrap();
     for sequence in 0..FRAMES {
         let mut counts = [0; 1024];
         counts[16 * 32 + 8..16 * 32 + 20].fill(100 + sequence as u16);
         let pad = PiezoFrame::from_counts(counts).unwrap();
-        let xl: Vec<XlSample> = (0..33).map(|i| [i * 100, sequence as i16, -i]).collect();
-        let inputs =
-            [SensorInput { piezo: Some(&pad), xl: Some(&xl), xl_end: (sequence + 1) * xl.len() as u32 }];
+        let samples = if sequence == LONG { 70 } else { 33 };
+        let xl: Vec<XlSample> = (0..samples).map(|i| [i * 100, sequence as i16, -i]).collect();
+        xl_end += xl.len() as u32;
+        let inputs = [SensorInput { piezo: Some(&pad), xl: Some(&xl), xl_end }];
         let output = pipeline.step(&inputs);
         let stamp = FrameStamp::of_recording(sequence);
         let slip = transmitter.slip(&output.slip_message(stamp, &Origin::default()));
@@ -123,28 +127,48 @@ fn log() -> (Vec<u8>, Vec<PiezoFrame>) {
                 out.write(stamp.timestamp_us, &frame).unwrap();
             }
         }
-        pads.push(pad);
+        felt.push((pad, xl[xl.len().saturating_sub(RAW_XL_MAX)..].to_vec()));
     }
-    (out.finish().unwrap(), pads)
+    (out.finish().unwrap(), felt)
 }
 
 #[test]
 fn a_log_becomes_frames_again_and_damage_costs_its_frame_only() {
-    let (mut log, pads) = log();
+    let (mut log, felt) = log();
     // Traffic of others is passed over.
     log.extend(b"(1.000000) can0 123#DEADBEEF\n");
     let mut frames = frames(3, 1000);
     source::log(Cursor::new(log), NodeId::DEFAULT).for_each(|record| frames.push(&record.unwrap()));
     let state = frames.state();
     assert_eq!((state.end, state.lost), (u64::from(FRAMES) - 1, 1));
+    let mut front_end = XlFrontEnd::new();
     for record in frames.answer("records?from=0").unwrap().body.chunks_exact(bytes(3)) {
         let sequence = u32::from_le_bytes(record[..4].try_into().unwrap());
         assert_eq!(record[4], u8::from(sequence == LOST + 1), "lost before frame {sequence}");
         let sensor = &record[HEADER_BYTES..][..SENSOR_BYTES];
-        assert_eq!(sensor[1], if sequence == BROKEN { 0 } else { 3 }, "frame {sequence}");
-        if sequence != BROKEN {
-            let counts = sensor[16 + 32..].chunks_exact(2).map(|two| u16::from_le_bytes([two[0], two[1]]));
-            assert!(counts.eq(pads[sequence as usize].counts().iter().copied()), "frame {sequence}");
+        let present = match sequence {
+            BROKEN => 0,
+            _ => 3,
+        };
+        assert_eq!(sensor[1], present, "frame {sequence}");
+        let (pad, xl) = &felt[sequence as usize];
+        let words = |bytes: &[u8]| -> Vec<u16> {
+            bytes.chunks_exact(2).map(|two| u16::from_le_bytes([two[0], two[1]])).collect()
+        };
+        if present == 3 {
+            assert_eq!(words(&sensor[16 + 32..]), pad.counts(), "frame {sequence}");
+        }
+        if sequence == LOST + 1 {
+            front_end.push(&felt[LOST as usize].1);
+        }
+        if present > 0 {
+            // As the module's, the window starts anew where samples are missing.
+            if sequence == BROKEN + 1 || sequence == LONG {
+                front_end.restart();
+            }
+            front_end.push(xl);
+            let ln = front_end.log_mel().ln_power.map(|ln| (ln >> (LN_FRAC_BITS - 8)) as u16);
+            assert_eq!(words(&sensor[16..16 + 32]), ln, "frame {sequence}");
         }
     }
 }

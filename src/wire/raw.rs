@@ -126,6 +126,16 @@ impl RawFrame<'_> {
 }
 
 impl RawMessage {
+    /// The taxels of `piezo` that are known: none where the array delivered nothing.
+    pub const fn known(&self) -> Region {
+        if self.health & health::PIEZO_MISSING == 0 { self.region } else { Region::NONE }
+    }
+
+    /// Was the bus too full for all that the array delivered?
+    pub fn lacks_taxels(&self) -> bool {
+        self.health & health::PIEZO_MISSING == 0 && self.region != Region::ALL
+    }
+
     /// Read a message; bytes after it are padding and ignored.
     pub fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
         let mut reader = Reader::new(NAME, bytes);

@@ -42,7 +42,8 @@ impl Region {
         }
     }
 
-    pub(super) const fn to_bytes(self) -> [u8; 4] {
+    /// First row, rows, first column, columns.
+    pub const fn to_bytes(self) -> [u8; 4] {
         [self.first_row, self.rows, self.first_col, self.cols]
     }
 

@@ -123,9 +123,11 @@ class Raw:
     sequence: int
     sensor: int
     health: int
-    piezo: NDArray[np.uint16] | None
+    piezo: NDArray[np.uint16] | None  #: None where no taxel was sent
+    region: tuple[int, int, int, int]  #: first row, rows, first column, columns of what was sent; the others read 0
     xl: NDArray[np.int16] | None
     xl_end: int
+    xl_dropped: int  #: samples of this frame, older than `xl`, that did not fit; stays at 255
 
 class Receiver:
     """Puts the CAN frames of one module together."""

@@ -10,7 +10,7 @@ use slipsense::fixed::Q;
 use slipsense::health;
 use slipsense::params::{TAXEL_COLS, TAXEL_ROWS, XL_AXES};
 use slipsense::wire::{
-    CanFrame, NodeId, Received, Receiver as Frames, SlipMessage, SlipReceiver as Protected,
+    CanFrame, NodeId, Received, Receiver as Frames, Region, SlipMessage, SlipReceiver as Protected,
 };
 use slipsense_recording::candump::{CandumpError, CandumpReader, Rule};
 
@@ -71,11 +71,14 @@ pub struct Raw {
     sequence: u32,
     sensor: u8,
     health: u8,
-    /// None where the array did not deliver.
+    /// None where the array did not deliver, or the bus was too full.
     piezo: Option<Py<PyAny>>,
+    /// First row, rows, first column, columns of the taxels that were sent; the others read 0 and are not known.
+    region: (u8, u8, u8, u8),
     /// None where the accelerometer did not deliver.
     xl: Option<Py<PyAny>>,
     xl_end: u32,
+    xl_dropped: u8,
 }
 
 #[pymethods]
@@ -89,7 +92,7 @@ fn message(py: Python<'_>, received: Received) -> PyResult<Py<PyAny>> {
     Ok(match received {
         Received::Slip(message) => Py::new(py, Slip::new(py, &message))?.into_any(),
         Received::Raw(message) => {
-            let delivered = |missing: u8| message.health & missing == 0;
+            let region = message.known();
             let counts = message.piezo.counts().to_vec().into_pyarray(py);
             let counts = counts.reshape([TAXEL_ROWS, TAXEL_COLS])?.into_any().unbind();
             let samples = message.xl.concat().into_pyarray(py);
@@ -99,9 +102,11 @@ fn message(py: Python<'_>, received: Received) -> PyResult<Py<PyAny>> {
                 sequence: message.sequence,
                 sensor: message.sensor,
                 health: message.health,
-                piezo: delivered(health::PIEZO_MISSING).then_some(counts),
-                xl: delivered(health::XL_MISSING).then_some(samples),
+                piezo: (region != Region::NONE).then_some(counts),
+                region: region.to_bytes().into(),
+                xl: (message.health & health::XL_MISSING == 0).then_some(samples),
                 xl_end: message.xl_end,
+                xl_dropped: message.xl_dropped,
             };
             Py::new(py, raw)?.into_any()
         }

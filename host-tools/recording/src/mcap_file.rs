@@ -5,8 +5,8 @@
 //! |---|---|---|
 //! | `/can/INTERFACE` | `slipsense.CanFrame` | every frame; all else can be made again from these |
 //! | `/node42/slip` | `slipsense.Slip` | flags, class, logits, contact of each sensor |
-//! | `/node42/sensor0/raw` | `slipsense.Raw` | number, health, accelerometer samples |
-//! | `/node42/sensor0/pressure` | `foxglove.RawImage` | the array, 32 × 32 counts as `mono16` |
+//! | `/node42/sensor0/raw` | `slipsense.Raw` | number, health, region of the taxels, accelerometer samples |
+//! | `/node42/sensor0/pressure` | `foxglove.RawImage` | the array, 32 × 32 counts as `mono16`; 0 outside the region |
 //! | `/displacement` | `slipsense.Displacement` | a test stand's crosshead, where there was one |
 //!
 //! Times are those of the recording, nanoseconds; the module's own clock is in the messages.
@@ -23,7 +23,7 @@ use mcap::sans_io::LinearReaderOptions;
 use mcap::{McapError, Message, WriteOptions, Writer};
 use serde_json::{Value, json};
 use slipsense::params::{TAXEL_COLS, TAXEL_ROWS};
-use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, SlipMessage, WireLogit};
+use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, Region, SlipMessage, WireLogit};
 
 use crate::candump::LogEntry;
 use crate::decode::Decoder;
@@ -100,12 +100,16 @@ impl<W: Write + Seek> McapSink<W> {
 
     fn raw(&mut self, node: NodeId, message: &RawMessage, time_us: u64) -> Result<()> {
         let sensor = format!("/node{}/sensor{}", node.get(), message.sensor);
+        let region = message.known();
         let value = json!({
             "timestamp_us": message.timestamp_us, "sequence": message.sequence, "sensor": message.sensor,
             "health": message.health, "xl_end": message.xl_end, "xl_dropped": message.xl_dropped,
-            "xl": message.xl.as_slice(),
+            "xl": message.xl.as_slice(), "region": region.to_bytes(),
         });
         self.put(&format!("{sensor}/raw"), RAW, time_us, &value)?;
+        if region == Region::NONE {
+            return Ok(());
+        }
         let counts = message.piezo.counts().iter();
         let bytes: Vec<u8> = counts.flat_map(|count| count.to_le_bytes()).collect();
         let image = json!({

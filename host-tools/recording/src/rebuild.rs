@@ -14,7 +14,7 @@ use crate::decode::{Decoded, Decoder, calibration};
 
 /// An episode and, in words, what of the recording is not in it.
 pub struct Rebuilt {
-    /// The longest stretch in which every raw message of every sensor came.
+    /// The longest stretch in which every raw message of every sensor came, with all taxels.
     pub episode: Episode,
     /// Number of its first frame, as the module counted.
     pub first: u32,
@@ -79,9 +79,10 @@ impl Rebuilder {
         let count = messages().count();
         let sensors = 1 + messages().map(|m| usize::from(m.sensor)).max().unwrap_or(0);
         let best = longest(&frames, sensors);
+        let lacking = messages().filter(|m| m.lacks_taxels()).count();
         let begin = frames.iter().nth(best.start).filter(|_| !best.is_empty());
         let Some((&(_, first), &Messages { timestamp_us: start_us, .. })) = begin else {
-            bail!("no frame of which all {sensors} sensors' raw messages came");
+            bail!("no frame of which all {sensors} sensors' raw messages came with all taxels");
         };
 
         let mut notes = Vec::new();
@@ -90,6 +91,11 @@ impl Rebuilder {
             notes.push(format!(
                 "{} of {count} raw messages are left out: others around them are missing, and an episode has no gaps",
                 count - kept
+            ));
+        }
+        if lacking > 0 {
+            notes.push(format!(
+                "{lacking} raw messages lack taxels, for which the bus had no room; an episode cannot"
             ));
         }
         let kept = frames.values().skip(best.start).take(best.len()).flat_map(|frame| &frame.parts);
@@ -120,7 +126,8 @@ fn longest(frames: &BTreeMap<Number, Messages>, sensors: usize) -> Range<usize> 
     let (mut best, mut run) = (0..0, 0..0);
     let mut before: Option<&[RawMessage]> = None;
     for (index, Messages { parts, .. }) in frames.values().enumerate() {
-        let whole = parts.len() == sensors && (0..sensors).all(|s| usize::from(parts[s].sensor) == s);
+        let is_whole = |(sensor, part): (_, &RawMessage)| part.sensor == sensor && !part.lacks_taxels();
+        let whole = parts.len() == sensors && (0..).zip(parts).all(is_whole);
         if !before.is_some_and(|before| whole && continues(before, parts)) {
             run = index..index;
         }

@@ -2,11 +2,10 @@
 //! the order of the bytes (CDR).
 
 use serde::Serialize;
-use slipsense::health::PIEZO_MISSING;
 use slipsense::params::{
     CLASSES, COL_PITCH_MM, FRAME_RATE_HZ, ROW_PITCH_MM, TAXEL_COLS, TAXEL_ROWS, TAXELS, XL_AXES,
 };
-use slipsense::sensor::{TaxelMask, is_active};
+use slipsense::sensor::TaxelMask;
 use slipsense::wire::{NodeId, RawMessage, SlipMessage};
 use slipsense_recording::film::PRESSURE_KPA;
 
@@ -183,18 +182,18 @@ impl Image {
         }
     }
 
-    /// The taxels, 32 × 32 counts as `mono16`.
+    /// The taxels, 32 × 32 counts as `mono16`; 0 where there is none, or it was not sent.
     pub fn counts(node: NodeId, message: &RawMessage, time_us: u64) -> Self {
         let counts = message.piezo.counts().iter();
         Self::new(node, message, time_us, "mono16", counts.flat_map(|count| count.to_le_bytes()).collect())
     }
 
-    /// The taxels, 32 × 32 kPa as `32FC1`; not a number where there is no taxel, a masked one, or no scan.
+    /// The taxels, 32 × 32 kPa as `32FC1`; not a number where there is no taxel, a masked one, or one that was not sent.
     pub fn pressure(node: NodeId, message: &RawMessage, mask: &TaxelMask, time_us: u64) -> Self {
-        let is_missing = message.health & PIEZO_MISSING != 0;
+        let region = message.known();
         let kpa = (0..TAXELS).zip(message.piezo.counts()).map(|(at, &count)| {
             let (row, col) = (at / TAXEL_COLS, at % TAXEL_COLS);
-            let is_read = is_active(row, col) && !mask.masks(row, col) && !is_missing;
+            let is_read = region.cols(row).contains(&col) && !mask.masks(row, col);
             if is_read { PRESSURE_KPA[usize::from(count)] } else { f32::NAN }
         });
         Self::new(node, message, time_us, "32FC1", kpa.flat_map(f32::to_le_bytes).collect())

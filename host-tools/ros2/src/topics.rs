@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use anyhow::Result;
-use slipsense::wire::{NodeId, RawMessage, Received, SlipMessage};
+use slipsense::wire::{NodeId, RawMessage, Received, Region, SlipMessage};
 use slipsense_recording::candump::LogEntry;
 use slipsense_recording::client::Reads;
 use slipsense_recording::decode::{Decoder, calibration, heartbeat};
@@ -91,7 +91,9 @@ impl Topics {
     fn raw(&mut self, node: NodeId, message: &RawMessage, time_us: u64, sink: &mut impl Sink) -> Result<()> {
         let topic = |what| self.sensor_topic(node, message.sensor, what);
         sink.put(&topic("raw"), Raw::new(node, message, time_us), time_us)?;
-        sink.put(&topic("counts"), Image::counts(node, message, time_us), time_us)?;
+        if message.known() != Region::NONE {
+            sink.put(&topic("counts"), Image::counts(node, message, time_us), time_us)?;
+        }
         let topic = topic("pressure");
         let (module, sensor) = (self.modules.entry(node).or_default(), usize::from(message.sensor));
         module.second.raw_messages[sensor] += 1;
@@ -124,5 +126,49 @@ pub fn namespace(text: &str) -> Result<String, String> {
     match text.strip_prefix('/') {
         Some(words) if words.split('/').all(word) => Ok(text.to_owned()),
         _ => Err("must be /NAME or /NAME/NAME, of letters, digits and single underscores".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use slipsense::sensor::{PiezoFrame, SensorInput};
+    use slipsense::wire::{CanFrame, Detail, RawBuffer, RawForm, RawFrame, Transmitter};
+
+    use super::*;
+
+    impl Sink for Vec<(String, serde_json::Value)> {
+        fn put<M: RosMessage>(&mut self, topic: &str, message: M, _: u64) -> Result<()> {
+            self.push((topic.to_owned(), serde_json::to_value(message)?));
+            Ok(())
+        }
+    }
+
+    fn entry(frame: CanFrame) -> LogEntry {
+        LogEntry { timestamp_us: 10_000_000, interface: "can0".to_owned(), frame }
+    }
+
+    #[test]
+    fn a_taxel_that_was_not_sent_is_no_number() {
+        let (mut topics, mut transmitter) = (Topics::new("/s"), Transmitter::new(NodeId::DEFAULT));
+        let mut counts = [1; 1024];
+        counts[16 * 32 + 5..16 * 32 + 20].fill(500);
+        let piezo = PiezoFrame::from_scan(counts);
+        let slip = transmitter.slip(&SlipMessage { sensors: 1, ..SlipMessage::default() });
+        topics.entry(&entry(slip), &mut vec![]).unwrap();
+        for (detail, taxels) in [(Detail::All, 942), (Detail::Contact, 15), (Detail::Accelerometer, 0)] {
+            let input = SensorInput { piezo: Some(&piezo), xl: Some(&[]), xl_end: 0 };
+            let raw = RawFrame { timestamp_us: 0, sequence: 0, sensor: 0, health: 0, input };
+            let (mut said, mut buffer) = (Vec::new(), RawBuffer::new());
+            for frame in transmitter.raw_as(RawForm::Compressed(detail), &raw, &mut buffer) {
+                topics.entry(&entry(frame), &mut said).unwrap();
+            }
+            let image =
+                |name: &str| said.iter().find(|(topic, _)| topic == &format!("/s/node42/sensor0/{name}"));
+            assert_eq!(image("counts").is_some(), taxels > 0, "{detail:?}");
+            let data = image("pressure").unwrap().1["data"].as_array().unwrap();
+            let bytes: Vec<u8> = data.iter().map(|byte| byte.as_u64().unwrap() as u8).collect();
+            let kpa = bytes.as_chunks().0.iter().map(|&four| f32::from_le_bytes(four));
+            assert_eq!(kpa.filter(|kpa| !kpa.is_nan()).count(), taxels, "{detail:?}");
+        }
     }
 }

@@ -10,7 +10,7 @@ use slipsense::net::Model;
 use slipsense::params::MAX_SENSORS;
 use slipsense::pipeline::{FrameStamp, Pipeline};
 use slipsense::sensor::SensorInput;
-use slipsense::wire::{NodeId, Origin, RawMessage, Received, Receiver, SlipMessage};
+use slipsense::wire::{NodeId, Origin, RawMessage, Received, Receiver, Region, SlipMessage};
 use slipsense_recording::candump::{CandumpError, CandumpReader, Rule};
 use slipsense_recording::score::SLIP;
 use slipsense_recording::{EpisodeReader, Problem};
@@ -118,7 +118,7 @@ impl Assembly {
         let open = self.open.as_mut().filter(|open| open.slip.sequence == raw.sequence);
         if let Some(sensor) = open.and_then(|open| open.sensors.get_mut(index)) {
             sensor.log_mel = has_samples.then(|| front_end.log_mel());
-            sensor.piezo = (raw.health & health::PIEZO_MISSING == 0).then_some(raw.piezo);
+            sensor.piezo = (raw.known() != Region::NONE).then_some(raw.piezo);
         }
     }
 }

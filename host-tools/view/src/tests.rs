@@ -8,7 +8,7 @@ use slipsense::net::Model;
 use slipsense::net::format::Dims;
 use slipsense::pipeline::{FrameStamp, Pipeline};
 use slipsense::sensor::{PiezoFrame, SensorInput, XlSample};
-use slipsense::wire::{NodeId, Origin, RAW_XL_MAX, RawBuffer, SlipMessage, Transmitter};
+use slipsense::wire::{Detail, NodeId, Origin, RAW_XL_MAX, RawBuffer, RawForm, SlipMessage, Transmitter};
 use slipsense_recording::candump::CandumpWriter;
 use slipsense_recording::model_file::random_model;
 
@@ -20,8 +20,9 @@ const FRAMES: u32 = 20;
 /// Frame whose slip message is lost, and frame of which one raw CAN frame is.
 const LOST: u32 = 7;
 const BROKEN: u32 = 12;
-/// Frame with more samples than a message holds.
+/// Frame with more samples than a message holds, and frame that the bus has no room for but its samples.
 const LONG: u32 = 15;
+const NO_TAXELS: u32 = 17;
 
 fn frames(sensors: usize, capacity: usize) -> Frames {
     Frames::new(Session { sensors, ..Session::of_log("test".into(), false) }, capacity)
@@ -122,7 +123,9 @@ fn log() -> (Vec<u8>, Vec<(PiezoFrame, Vec<XlSample>)>) {
             out.write(stamp.timestamp_us, &slip).unwrap();
         }
         let raw = output.raw_frame(stamp, 0, inputs[0]);
-        for (index, frame) in transmitter.raw(&raw, &mut raw_buffer).enumerate() {
+        let form =
+            if sequence == NO_TAXELS { RawForm::Compressed(Detail::Accelerometer) } else { RawForm::Plain };
+        for (index, frame) in transmitter.raw_as(form, &raw, &mut raw_buffer).enumerate() {
             if sequence != BROKEN || index != 4 {
                 out.write(stamp.timestamp_us, &frame).unwrap();
             }
@@ -148,6 +151,7 @@ fn a_log_becomes_frames_again_and_damage_costs_its_frame_only() {
         let sensor = &record[HEADER_BYTES..][..SENSOR_BYTES];
         let present = match sequence {
             BROKEN => 0,
+            NO_TAXELS => 2,
             _ => 3,
         };
         assert_eq!(sensor[1], present, "frame {sequence}");

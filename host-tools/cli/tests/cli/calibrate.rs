@@ -11,19 +11,20 @@ use slipsense::node::{Action, Identity, Node, Version};
 use slipsense::params::TAXELS;
 use slipsense::sensor::{PiezoFrame, SensorInput, is_active};
 use slipsense::settings::{Damage, LoadReport, Origin, Settings};
-use slipsense::wire::{CanFrame, NodeId, RawBuffer, RawFrame, Transmitter};
+use slipsense::wire::{CanFrame, Detail, NodeId, RawBuffer, RawForm, RawFrame, Transmitter};
+use slipsense_recording::candump::CandumpWriter;
 use slipsense_recording::slcan;
 
 use super::support::Place;
 
 /// Raw frames of a pad that is pressed everywhere: 20 counts, some 2.3 kPa.
-fn press(sensor: u8, number: u32, transmitter: &mut Transmitter) -> Vec<CanFrame> {
+fn press(form: RawForm, number: u32, transmitter: &mut Transmitter) -> Vec<CanFrame> {
     let counts = std::array::from_fn::<u16, TAXELS, _>(|i| if is_active(i / 32, i % 32) { 20 } else { 0 });
     let piezo = PiezoFrame::from_counts(counts).unwrap();
     let input = SensorInput { piezo: Some(&piezo), xl: Some(&[]), xl_end: 0 };
-    let raw = RawFrame { timestamp_us: 0, sequence: number, sensor, health: 0, input };
+    let raw = RawFrame { timestamp_us: 0, sequence: number, sensor: 0, health: 0, input };
     let mut buffer = RawBuffer::new();
-    transmitter.raw(&raw, &mut buffer).collect()
+    transmitter.raw_as(form, &raw, &mut buffer).collect()
 }
 
 /// A node with one sensor, whose measurements end so; what it was asked for.
@@ -72,7 +73,7 @@ fn serve(end: State) -> (String, JoinHandle<Vec<Request>>) {
                 node.status.calibrations[0] = Summary { version: 3, id: 0x1a2b_3c4d, faulty: 2, noise: 28 };
             }
             node.poll(now_us);
-            let mut frames: Vec<CanFrame> = press(0, number, &mut transmitter);
+            let mut frames: Vec<CanFrame> = press(RawForm::Plain, number, &mut transmitter);
             number += 1;
             frames.extend(std::iter::from_fn(|| node.next_frame()));
             let sent: String = frames.iter().map(slcan::command).collect();
@@ -111,6 +112,28 @@ fn a_known_weight_gives_a_factor() {
     assert!((number("factor") - factor).abs() < 0.002, "{result}, {factor}");
     let scale = (number("factor") * 2048.0).round() as u16;
     assert_eq!(node.join().unwrap(), [Request { sensor: 0, what: What::Scale(scale) }]);
+}
+
+/// On a full bus some frames lack the taxels.
+#[test]
+fn a_press_is_of_whole_scans() {
+    let place = Place::new();
+    for (name, frames) in [("a.log", 478), ("b.log", 480)] {
+        let mut log = CandumpWriter::new(Vec::new(), "can0").unwrap();
+        let mut transmitter = Transmitter::new(NodeId::DEFAULT);
+        for number in 0..frames {
+            let detail = if number % 2 == 0 { Detail::All } else { Detail::Accelerometer };
+            let frames = press(RawForm::Compressed(detail), number, &mut transmitter);
+            frames.iter().for_each(|frame| log.write(number.into(), frame).unwrap());
+        }
+        place.file(name, log.finish().unwrap());
+    }
+    place.errors([(
+        "calibrate @a.log --newton 1.5",
+        "239 raw frames of this sensor with all taxels, need 240",
+    )]);
+    let found = place.json("calibrate @b.log --newton 1.5")["gain"]["newton_before"].as_f64().unwrap();
+    assert!((found - 1.375).abs() < 0.002, "{found}");
 }
 
 #[test]

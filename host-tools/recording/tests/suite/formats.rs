@@ -1,12 +1,16 @@
 //! A recording through every format and back: every frame, every microsecond.
 
 use std::fs;
+use std::io::Cursor;
 
 use slipsense::node::RECORD_PORT;
 use slipsense::sensor::{PiezoFrame, SensorInput};
-use slipsense::wire::{Frames, MessageId, NodeId, Priority, RawBuffer, RawFrame, SlipMessage, Transmitter};
+use slipsense::wire::{
+    Detail, Frames, MessageId, NodeId, Priority, RawBuffer, RawForm, RawFrame, SlipMessage, Transmitter,
+};
 use slipsense_recording::candump::LogEntry;
 use slipsense_recording::log_file::{Format, Record, Recording, read, write};
+use slipsense_recording::mcap_file::McapSink;
 use slipsense_recording::rebuild::{Rebuilder, Rebuilt};
 
 const FRAMES: u32 = 40;
@@ -17,13 +21,17 @@ fn xl(sequence: u32) -> Vec<[i16; 3]> {
 }
 
 fn scan(sequence: u32, sensor: u8) -> PiezoFrame {
-    PiezoFrame::from_scan(std::array::from_fn(|i| {
-        ((i as u32 * 31 + sequence * 7 + u32::from(sensor)) % 4096) as u16
-    }))
+    let taxel = |i| ((i as u32 * 31 + sequence * 7 + u32::from(sensor)) % 4096) as u16;
+    // Rows 4 to 27 are touched.
+    PiezoFrame::from_scan(std::array::from_fn(|i| if (128..896).contains(&i) { taxel(i) } else { 0 }))
+}
+
+fn recording(skip: impl Fn(u32) -> bool) -> Recording {
+    recording_as(|_| RawForm::Plain, skip)
 }
 
 /// Two sensors, with times that no millisecond and no float divides evenly.
-fn recording(skip: impl Fn(u32) -> bool) -> Recording {
+fn recording_as(form: impl Fn(u32) -> RawForm, skip: impl Fn(u32) -> bool) -> Recording {
     let mut transmitter = Transmitter::new(NodeId::DEFAULT);
     let mut entries = Vec::new();
     let mut xl_end = 0;
@@ -37,7 +45,7 @@ fn recording(skip: impl Fn(u32) -> bool) -> Recording {
             let piezo = scan(sequence, sensor);
             let input = SensorInput { piezo: Some(&piezo), xl: Some(&xl), xl_end };
             let raw = RawFrame { timestamp_us: start_us, sequence, sensor, health: 0, input };
-            frames.extend(transmitter.raw(&raw, &mut RawBuffer::new()));
+            frames.extend(transmitter.raw_as(form(sequence), &raw, &mut RawBuffer::new()));
         }
         if !skip(sequence) {
             entries.extend((0..).zip(frames).map(|(i, frame)| LogEntry {
@@ -99,6 +107,41 @@ fn of_a_recording_with_gaps_the_longest_stretch_is_rebuilt_and_the_rest_named() 
     let rebuilt = rebuilt(&recording(|n| n == 12 || n == 35).entries).unwrap();
     assert_eq!((rebuilt.first, rebuilt.episode.frames()), (13, 22));
     assert!(rebuilt.notes[0].contains("32 of 76 raw messages are left out"), "{:?}", rebuilt.notes);
+}
+
+/// On a full bus a module leaves taxels out, all or those beside the contact, which nobody may take for zeros.
+fn full_bus() -> Recording {
+    let detail = |sequence| match sequence {
+        12 => Detail::Contact,
+        35 => Detail::Accelerometer,
+        _ => Detail::All,
+    };
+    recording_as(|sequence| RawForm::Compressed(detail(sequence)), |_| false)
+}
+
+#[test]
+fn taxels_that_were_not_sent_are_in_no_episode() {
+    let recording = full_bus();
+    let rebuilt = rebuilt(&recording.entries).unwrap();
+    assert_eq!((rebuilt.first, rebuilt.episode.frames()), (13, 22));
+    assert!(rebuilt.notes[0].contains("36 of 80 raw messages are left out"), "{:?}", rebuilt.notes);
+    assert!(rebuilt.notes[1].contains("4 raw messages lack taxels"), "{:?}", rebuilt.notes);
+}
+
+#[test]
+fn taxels_that_were_not_sent_are_in_no_picture() {
+    let mut sink = McapSink::new(Cursor::new(Vec::new())).unwrap();
+    full_bus().entries.iter().for_each(|entry| sink.write(entry).unwrap());
+    let bytes = sink.finish().unwrap().into_inner();
+    let of = |topic: &str| -> Vec<serde_json::Value> {
+        let messages = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap);
+        let messages = messages.filter(|message| message.channel.topic == topic);
+        messages.map(|message| serde_json::from_slice(&message.data).unwrap()).collect()
+    };
+    let (raw, pressure) = (of("/node42/sensor0/raw"), of("/node42/sensor0/pressure"));
+    assert_eq!((raw.len(), pressure.len()), (FRAMES as usize, FRAMES as usize - 1));
+    let region = |sequence: usize| raw[sequence]["region"].to_string();
+    assert_eq!([11, 12, 35].map(region), ["[0,32,0,32]", "[4,24,0,32]", "[0,0,0,0]"]);
 }
 
 /// Numbers begin anew with a start of the module.

@@ -8,7 +8,7 @@ use slipsense::calibration::{GAIN_MAX, GAIN_ONE, SECONDS_MAX};
 use slipsense::node::{CALIBRATE, SCALE_GAIN};
 use slipsense::params::{COL_PITCH_MM, CONTACT_SUM_MIN, COUNT_MAX, MAX_SENSORS, ROW_PITCH_MM};
 use slipsense::sensor::PiezoFrame;
-use slipsense::wire::{NodeId, Received};
+use slipsense::wire::{NodeId, Received, Region};
 use slipsense_recording::client::{ANSWER, Bus, Client};
 use slipsense_recording::decode::Decoder;
 use slipsense_recording::film::{EXPONENT, pressure_kpa};
@@ -122,7 +122,7 @@ impl Args {
         client.register(&mut bus, &format!("slipsense.sensor.{}.calibration", self.sensor))
     }
 
-    /// Raw frames of the sensor.
+    /// Raw frames of the sensor with all taxels.
     fn press(&self, source: &mut Source) -> Result<Vec<PiezoFrame>> {
         let frames = usize::from(self.seconds.unwrap_or(2)) * PRESS_FRAMES;
         let (mut decoder, mut press, mut heard) = (Decoder::new(), Vec::new(), Instant::now());
@@ -133,8 +133,8 @@ impl Args {
                         && let Received::Raw(message) = decoded.message
                         && (decoded.node, message.sensor) == (self.node_id, self.sensor)
                     {
-                        press.push(message.piezo);
                         heard = Instant::now();
+                        press.extend((message.known() == Region::ALL).then_some(message.piezo));
                     }
                 }
                 Input::End => {
@@ -153,7 +153,11 @@ impl Args {
 
 /// Force by the nominal film, N, and the factor that makes it `newton`, 1/2048.
 fn gain(press: &[PiezoFrame], newton: f64) -> Result<(f64, u16)> {
-    ensure!(press.len() >= PRESS_FRAMES, "{} raw frames of this sensor, need {PRESS_FRAMES}", press.len());
+    ensure!(
+        press.len() >= PRESS_FRAMES,
+        "{} raw frames of this sensor with all taxels, need {PRESS_FRAMES}",
+        press.len()
+    );
     let area_mm2 = f64::from(COL_PITCH_MM * ROW_PITCH_MM);
     let mut forces = Vec::new();
     for frame in press {

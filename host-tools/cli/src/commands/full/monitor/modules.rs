@@ -6,7 +6,7 @@ use std::fmt;
 use serde::Serialize;
 use slipsense::params::MAX_SENSORS;
 use slipsense::sensor::PiezoFrame;
-use slipsense::wire::{Received, SlipMessage};
+use slipsense::wire::{Received, Region, SlipMessage};
 use slipsense_recording::candump::LogEntry;
 use slipsense_recording::decode::{Count, Decoder};
 use slipsense_recording::{HEALTH, words};
@@ -72,7 +72,7 @@ impl Modules {
             }
             Received::Raw(message) => {
                 if let Some(piezo) = module.piezo.get_mut(usize::from(message.sensor)) {
-                    *piezo = Some(message.piezo);
+                    *piezo = (message.known() != Region::NONE).then_some(message.piezo);
                 }
             }
         }

@@ -112,7 +112,7 @@ fn add_module(module: &Module, lines: &mut Vec<String>) {
     for row in 0..TAXEL_ROWS / 2 {
         let maps = module.piezo[..sensors].iter().map(|piezo| match piezo {
             Some(piezo) => map_row(piezo, row) + " ",
-            None => format!("{:<MAP_WIDTH$}", if row == 0 { "no raw message" } else { "" }),
+            None => format!("{:<MAP_WIDTH$}", if row == 0 { "no taxels" } else { "" }),
         });
         lines.push(maps.collect());
     }

@@ -8,9 +8,10 @@
 //! Seconds since 1970 with microseconds, interface, identifier in hexadecimal (8 digits: 29 bits), two
 //! number signs for CAN FD, one digit of flags (1: bit rate switching), data in hexadecimal.
 
+use std::collections::BTreeMap;
 use std::io::{self, BufRead, BufWriter, Write};
 
-use slipsense::wire::{CanFrame, LengthError};
+use slipsense::wire::{COMPRESSED_PORT, CanFrame, LengthError, MessageId, RAW_PORT, SLIP_1_PORT, SLIP_PORT};
 use thiserror::Error;
 
 use crate::unhex;
@@ -56,6 +57,8 @@ pub enum Rule {
     /// Classic CAN, remote or 11-bit frames are legal on a bus and in a log, but none of ours.
     #[error("not a CAN FD frame with a 29-bit identifier")]
     NotOurs,
+    #[error("node {node} speaks on {first} and on {second}: two modules, of which a recording may hold one")]
+    SecondInterface { node: u8, first: String, second: String },
     /// What a part of the line must be.
     #[error("{0}")]
     Format(String),
@@ -69,6 +72,28 @@ fn malformed(need: impl ToString) -> Rule {
     Rule::Format(need.to_string())
 }
 
+/// The identifier of a slip or raw message.
+pub(crate) fn message_id(frame: &CanFrame) -> Option<MessageId> {
+    let ours = |id: &MessageId| matches!(id.port, SLIP_PORT | SLIP_1_PORT | RAW_PORT | COMPRESSED_PORT);
+    MessageId::from_can(frame.id()).ok().filter(ours)
+}
+
+/// On which interface each module speaks. Whoever puts messages together tells modules apart by their nodes.
+#[derive(Debug, Default)]
+pub(crate) struct Interfaces(BTreeMap<u8, String>);
+
+impl Interfaces {
+    pub(crate) fn check(&mut self, LogEntry { interface, frame, .. }: &LogEntry) -> Result<(), Rule> {
+        let Some(id) = message_id(frame) else { return Ok(()) };
+        let node = id.node.get();
+        let first = self.0.entry(node).or_insert_with(|| interface.clone());
+        if first == interface {
+            return Ok(());
+        }
+        Err(Rule::SecondInterface { node, first: first.clone(), second: interface.clone() })
+    }
+}
+
 /// Reads a log line by line. Empty lines are passed over. After an error the next call goes on with
 /// the next line, so traffic of others ([`Rule::NotOurs`]) can be skipped; an unreadable file ends it.
 #[derive(Debug)]
@@ -76,12 +101,14 @@ pub struct CandumpReader<R> {
     input: R,
     line: usize,
     buffer: Vec<u8>,
+    interfaces: Interfaces,
     broken: bool,
 }
 
 impl<R: BufRead> CandumpReader<R> {
     pub fn new(input: R) -> Self {
-        Self { input, line: 0, buffer: Vec::new(), broken: false }
+        let (buffer, interfaces) = (Vec::new(), Interfaces::default());
+        Self { input, line: 0, buffer, interfaces, broken: false }
     }
 }
 
@@ -95,7 +122,8 @@ impl<R: BufRead> Iterator for CandumpReader<R> {
             let parsed = match self.input.read_until(b'\n', &mut self.buffer) {
                 Ok(0) => return None,
                 Ok(_) if self.buffer.trim_ascii().is_empty() => continue,
-                Ok(_) => parse(self.buffer.trim_ascii()),
+                Ok(_) => parse(self.buffer.trim_ascii())
+                    .and_then(|entry| self.interfaces.check(&entry).map(|()| entry)),
                 Err(error) => {
                     self.broken = true;
                     Err(error.into())

@@ -4,10 +4,9 @@ use std::collections::BTreeMap;
 
 use slipsense::node::{CALIBRATION_LINE, HEARTBEAT_PORT, RECORD_PORT};
 use slipsense::params::MAX_SENSORS;
-use slipsense::wire::{
-    COMPRESSED_PORT, CanFrame, MessageId, NodeId, RAW_PORT, Received, Receiver, SLIP_1_PORT, SLIP_PORT,
-    SlipMessage,
-};
+use slipsense::wire::{CanFrame, MessageId, NodeId, Received, Receiver, SlipMessage};
+
+use crate::candump::message_id;
 
 /// `uavcan.node.Heartbeat`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,9 +83,7 @@ impl Decoder {
 
     /// Take a frame; `Some` when it completes a message.
     pub fn accept(&mut self, frame: &CanFrame) -> Option<Decoded> {
-        let ours = |id: &MessageId| matches!(id.port, SLIP_PORT | SLIP_1_PORT | RAW_PORT | COMPRESSED_PORT);
-        let id = MessageId::from_can(frame.id()).ok().filter(ours);
-        let Some(id) = id else {
+        let Some(id) = message_id(frame) else {
             self.others += 1;
             return None;
         };
@@ -156,6 +153,9 @@ mod tests {
             slips((0..100).filter(|n| !(10..75).contains(n))),
             Count { slip: 35, slip_lost: 65, ..none }
         );
+        assert_eq!(slips((u32::MAX - 4..=u32::MAX).chain(0..5)), Count { slip: 10, ..none });
+        assert_eq!(slips((500..510).chain(0..10)), Count { slip: 20, restarts: 1, ..none });
+    }
 
     /// What comes of starts of a module: how often it has started, the frames that it has not dropped, and of these those
     /// whose raw message is lost.
@@ -199,8 +199,5 @@ mod tests {
         let kept: Vec<u32> = (0..100).filter(|n| !(10..20).contains(n)).collect();
         let count = Count { slip: 90, slip_lost: 10, raw: 87, raw_lost: 3, ..Count::default() };
         assert_eq!(starts(&[(1, &kept, &[30, 31, 32])]), count);
-    }
-        assert_eq!(slips((u32::MAX - 4..=u32::MAX).chain(0..5)), Count { slip: 10, ..none });
-        assert_eq!(slips((500..510).chain(0..10)), Count { slip: 20, restarts: 1, ..none });
     }
 }

@@ -25,7 +25,7 @@ use serde_json::{Value, json};
 use slipsense::params::{TAXEL_COLS, TAXEL_ROWS};
 use slipsense::wire::{CanFrame, NodeId, RawMessage, Received, Region, SlipMessage, WireLogit};
 
-use crate::candump::LogEntry;
+use crate::candump::{Interfaces, LogEntry};
 use crate::decode::Decoder;
 use crate::recording::Record;
 
@@ -213,9 +213,11 @@ impl<R: Read> McapSource<R> {
     /// Of a file of `length` bytes: no record of it is longer.
     pub fn new(input: R, length: u64) -> Self {
         let limit = usize::try_from(length).unwrap_or(usize::MAX);
+    interfaces: Interfaces,
         let options = LinearReaderOptions::default().with_record_length_limit(limit);
         let messages = MessageReader::new_with_options(input, options);
-        Self { messages, index: 0, skipped: BTreeMap::new(), cut_short: false }
+        let (skipped, interfaces) = (BTreeMap::new(), Interfaces::default());
+        Self { messages, index: 0, skipped, interfaces, cut_short: false }
     }
 
     /// What is left out so far, in words.
@@ -242,8 +244,9 @@ impl<R: Read> McapSource<R> {
             ensure!(is_name, "{}: an interface needs a name without white space", at());
             let frame = can_frame(&value()?).with_context(at)?;
             ensure!(message.log_time.is_multiple_of(1000), "{}: time is no whole microsecond", at());
-            let interface = interface.to_owned();
-            return Ok(Some(Record::Frame(LogEntry { timestamp_us, interface, frame })));
+            let entry = LogEntry { timestamp_us, interface: interface.to_owned(), frame };
+            self.interfaces.check(&entry).with_context(at)?;
+            return Ok(Some(Record::Frame(entry)));
         }
         if schema == DISPLACEMENT {
             let mm = value()?["displacement_mm"].as_f64();

@@ -144,6 +144,24 @@ fn taxels_that_were_not_sent_are_in_no_picture() {
     assert_eq!([11, 12, 35].map(region), ["[0,32,0,32]", "[4,24,0,32]", "[0,0,0,0]"]);
 }
 
+/// Two buses in one recording may have a module of the same address each.
+#[test]
+fn a_module_on_two_interfaces_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut two = recording(|_| false);
+    let at = two.entries.len() - 1;
+    two.entries[at].interface = "can7".to_owned();
+    for (format, name, entry) in [
+        (Format::Candump, "r.log", format!("line {}: ", at + 1)),
+        (Format::Mcap, "r.mcap", "message ".to_owned()),
+    ] {
+        let path = dir.path().join(name);
+        write(&path, format, |sink| records(&two).try_for_each(|record| sink.put(&record))).unwrap();
+        let error = format!("{:#}", read(&path, format).unwrap_err());
+        assert!(error.contains(&entry) && error.contains("node 42 speaks on can1 and on can7"), "{error}");
+    }
+}
+
 /// Numbers begin anew with a start of the module.
 #[test]
 fn a_stretch_is_of_one_start_of_the_module() {

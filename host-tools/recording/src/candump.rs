@@ -9,7 +9,7 @@
 //! number signs for CAN FD, one digit of flags (1: bit rate switching), data in hexadecimal.
 
 use std::collections::BTreeMap;
-use std::io::{self, BufRead, BufWriter, Write};
+use std::io::{self, BufRead, BufWriter, Read, Write};
 
 use slipsense::wire::{COMPRESSED_PORT, CanFrame, LengthError, MessageId, RAW_PORT, SLIP_1_PORT, SLIP_PORT};
 use thiserror::Error;
@@ -57,6 +57,8 @@ pub enum Rule {
     /// Classic CAN, remote or 11-bit frames are legal on a bus and in a log, but none of ours.
     #[error("not a CAN FD frame with a 29-bit identifier")]
     NotOurs,
+    #[error("longer than {LINE_BYTES_MAX} bytes")]
+    TooLong,
     #[error("node {node} speaks on {first} and on {second}: two modules, of which a recording may hold one")]
     SecondInterface { node: u8, first: String, second: String },
     /// What a part of the line must be.
@@ -64,6 +66,8 @@ pub enum Rule {
     Format(String),
 }
 
+/// With its end; candump's have less than 200.
+const LINE_BYTES_MAX: usize = 4096;
 const COLUMNS: &str = "need '(TIME) INTERFACE ID##FLAGS DATA' in three columns";
 const FLAGS: &str = "need one hexadecimal digit of flags after '##'";
 const DATA: &str = "data: need pairs of hexadecimal digits";
@@ -95,7 +99,8 @@ impl Interfaces {
 }
 
 /// Reads a log line by line. Empty lines are passed over. After an error the next call goes on with
-/// the next line, so traffic of others ([`Rule::NotOurs`]) can be skipped; an unreadable file ends it.
+/// the next line, so traffic of others ([`Rule::NotOurs`]) can be skipped; an unreadable file ends it, and so does a line
+/// without end.
 #[derive(Debug)]
 pub struct CandumpReader<R> {
     input: R,
@@ -119,8 +124,13 @@ impl<R: BufRead> Iterator for CandumpReader<R> {
         while !self.broken {
             self.buffer.clear();
             self.line += 1;
-            let parsed = match self.input.read_until(b'\n', &mut self.buffer) {
+            let mut line = (&mut self.input).take(LINE_BYTES_MAX as u64 + 1);
+            let parsed = match line.read_until(b'\n', &mut self.buffer) {
                 Ok(0) => return None,
+                Ok(length) if length > LINE_BYTES_MAX => {
+                    self.broken = true;
+                    Err(Rule::TooLong)
+                }
                 Ok(_) if self.buffer.trim_ascii().is_empty() => continue,
                 Ok(_) => parse(self.buffer.trim_ascii())
                     .and_then(|entry| self.interfaces.check(&entry).map(|()| entry)),

@@ -100,3 +100,15 @@ fn a_failing_writer_is_reported() {
     let written = writer.write(0, &frame).and_then(|()| writer.finish().map(|_| ()));
     assert!(written.is_err());
 }
+
+#[test]
+fn a_line_without_end_is_not_read_to_its_end() {
+    let line = "(1.0) can0 12345678##100\n";
+    let text = [line.as_bytes(), &[b' '; 4096], b"\n", line.as_bytes()].concat();
+    let mut reader = CandumpReader::new(text.as_slice());
+    assert!(reader.next().unwrap().is_ok());
+    assert_eq!(reader.next().unwrap().unwrap_err().to_string(), "line 2: longer than 4096 bytes");
+    assert!(reader.next().is_none());
+    let fits = [&[b' '; 4095 - 24], line.as_bytes()].concat();
+    assert!(CandumpReader::new(fits.as_slice()).next().unwrap().is_ok());
+}

@@ -190,6 +190,13 @@ fn schema(value: &Value) -> Value {
     }
 }
 
+/// `/node42/sensor0/pressure`, with any numbers.
+fn is_pressure(topic: &str) -> bool {
+    let numbers = topic.strip_prefix("/node").and_then(|rest| rest.strip_suffix("/pressure"));
+    let numbers = numbers.and_then(|numbers| numbers.split_once("/sensor"));
+    numbers.is_some_and(|(node, sensor)| node.parse::<u8>().is_ok() && sensor.parse::<u8>().is_ok())
+}
+
 /// Of an error that draws a picture of where it was, as those of a record's bytes do, the line that says what.
 fn one_line(error: &McapError) -> String {
     let text = error.to_string();
@@ -206,6 +213,7 @@ pub struct McapSource<R: Read> {
     index: u64,
     /// Messages of other topics, by topic.
     skipped: BTreeMap<String, u64>,
+    interfaces: Interfaces,
     cut_short: bool,
 }
 
@@ -213,7 +221,6 @@ impl<R: Read> McapSource<R> {
     /// Of a file of `length` bytes: no record of it is longer.
     pub fn new(input: R, length: u64) -> Self {
         let limit = usize::try_from(length).unwrap_or(usize::MAX);
-    interfaces: Interfaces,
         let options = LinearReaderOptions::default().with_record_length_limit(limit);
         let messages = MessageReader::new_with_options(input, options);
         let (skipped, interfaces) = (BTreeMap::new(), Interfaces::default());
@@ -253,7 +260,13 @@ impl<R: Read> McapSource<R> {
             let mm = mm.with_context(|| format!("{}: `displacement_mm` must be a number", at()))?;
             return Ok(Some(Record::Displacement { timestamp_us, mm }));
         }
-        if ![SLIP, RAW, IMAGE].contains(&schema) {
+        let ours = match schema {
+            SLIP | RAW => true,
+            // Others use Foxglove's schema as well.
+            IMAGE => is_pressure(&message.channel.topic),
+            _ => false,
+        };
+        if !ours {
             *self.skipped.entry(topic).or_default() += 1;
         }
         Ok(None)

@@ -1,5 +1,6 @@
 //! A recording through every format and back: every frame, every microsecond.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::Cursor;
 
@@ -9,7 +10,7 @@ use slipsense::wire::{
     Detail, Frames, MessageId, NodeId, Priority, RawBuffer, RawForm, RawFrame, SlipMessage, Transmitter,
 };
 use slipsense_recording::candump::LogEntry;
-use slipsense_recording::log_file::{Format, Record, Recording, read, write};
+use slipsense_recording::log_file::{Format, Record, Recording, open, read, write};
 use slipsense_recording::mcap_file::McapSink;
 use slipsense_recording::rebuild::{Rebuilder, Rebuilt};
 
@@ -142,6 +143,39 @@ fn taxels_that_were_not_sent_are_in_no_picture() {
     assert_eq!((raw.len(), pressure.len()), (FRAMES as usize, FRAMES as usize - 1));
     let region = |sequence: usize| raw[sequence]["region"].to_string();
     assert_eq!([11, 12, 35].map(region), ["[0,32,0,32]", "[4,24,0,32]", "[0,0,0,0]"]);
+}
+
+#[test]
+fn pictures_of_others_are_named() {
+    let image = mcap::Schema {
+        id: 1,
+        name: "foxglove.RawImage".to_owned(),
+        encoding: "jsonschema".to_owned(),
+        data: b"{}".into(),
+    };
+    let schema = Some(std::sync::Arc::new(image));
+    let mut writer = mcap::Writer::new(Cursor::new(Vec::new())).unwrap();
+    for (id, topic) in [(1, "/node42/sensor0/pressure"), (2, "/camera/pressure")] {
+        let (schema, topic) = (schema.clone(), topic.to_owned());
+        let channel = mcap::Channel {
+            id,
+            topic,
+            schema,
+            message_encoding: "json".to_owned(),
+            metadata: BTreeMap::new(),
+        };
+        let data = b"{}".as_slice().into();
+        let message =
+            mcap::Message { channel: channel.into(), sequence: 0, log_time: 0, publish_time: 0, data };
+        writer.write(&message).unwrap();
+    }
+    writer.finish().unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("r.mcap");
+    fs::write(&path, writer.into_inner().into_inner()).unwrap();
+    let mut reader = open(&path, Format::Mcap).unwrap();
+    assert_eq!(reader.by_ref().count(), 1, "no frame in it");
+    assert_eq!(reader.notes(), ["1 messages of /camera/pressure are left out"]);
 }
 
 /// Two buses in one recording may have a module of the same address each.

@@ -44,7 +44,8 @@ impl Module {
     /// Taxels to leave out of the pressure. `None`: there are some, and nobody has read which.
     pub fn mask(&self, sensor: usize) -> Option<TaxelMask> {
         let Sensor { mask, is_masked, .. } = &self.sensors[sensor];
-        mask.or((!is_masked).then_some(TaxelMask::NONE))
+        // An empty one was read before the first taxel was left out.
+        mask.filter(|mask| !is_masked || mask.len() > 0).or((!is_masked).then_some(TaxelMask::NONE))
     }
 
     pub fn accept(&mut self, message: &SlipMessage) {
@@ -55,7 +56,10 @@ impl Module {
             self.second.health[sensor] |= contact.health;
             self.sensors[sensor].is_masked = contact.health & TAXELS_MASKED != 0;
         }
-        self.slip = Some(*message);
+        let last = self.slip.replace(*message);
+        if last.is_some_and(|last| last.configuration != message.configuration) {
+            self.sensors.iter_mut().for_each(|sensor| sensor.mask = None);
+        }
     }
 
     /// What a subscriber may want to know once, if it has changed.
@@ -84,4 +88,27 @@ pub fn mask_of(register: &str, rows: &[u64]) -> Option<(usize, TaxelMask)> {
     let sensor = (0..MAX_SENSORS).find(|&sensor| mask_register(sensor) == register)?;
     let rows: [u64; TAXEL_ROWS] = rows.try_into().ok()?;
     Some((sensor, TaxelMask(rows.map(|row| row as u32))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mask_is_known_as_long_as_it_can_be_the_modules() {
+        let mut module = Module::default();
+        let said = |module: &mut Module, configuration, health| {
+            let mut message = SlipMessage { sensors: 1, configuration, ..SlipMessage::default() };
+            message.contact[0].health = health;
+            module.accept(&message);
+            module.mask(0).map(|mask| mask.len())
+        };
+        assert_eq!(said(&mut module, 1, 0), Some(0));
+        module.sensors[0].mask = Some(TaxelMask::NONE);
+        assert_eq!(said(&mut module, 1, TAXELS_MASKED), None, "it was read before");
+        module.sensors[0].mask = Some(TaxelMask([1; TAXEL_ROWS]));
+        let known = said(&mut module, 1, TAXELS_MASKED);
+        assert!(known.is_some_and(|taxels| taxels > 0));
+        assert_eq!(said(&mut module, 2, TAXELS_MASKED), None, "of another configuration");
+    }
 }

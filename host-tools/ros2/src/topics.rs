@@ -105,7 +105,8 @@ impl Topics {
 
     /// Publish diagnostics where a second has passed.
     pub fn tick(&mut self, time_us: u64, sink: &mut impl Sink) -> Result<()> {
-        let since = time_us.saturating_sub(*self.diagnostics_us.get_or_insert(time_us));
+        // The clock of a computer may go back.
+        let since = time_us.abs_diff(*self.diagnostics_us.get_or_insert(time_us));
         if since < DIAGNOSTICS_PERIOD_US || self.modules.is_empty() {
             return Ok(());
         }
@@ -170,5 +171,16 @@ mod tests {
             let kpa = bytes.as_chunks().0.iter().map(|&four| f32::from_le_bytes(four));
             assert_eq!(kpa.filter(|kpa| !kpa.is_nan()).count(), taxels, "{detail:?}");
         }
+    }
+
+    #[test]
+    fn diagnostics_go_on_where_the_clock_goes_back() {
+        let (mut topics, mut said) = (Topics::new("/s"), Vec::new());
+        let slip = Transmitter::new(NodeId::DEFAULT).slip(&SlipMessage::default());
+        topics.entry(&entry(slip), &mut said).unwrap();
+        for us in [2_000_000, 2_500_000, 3_000_000] {
+            topics.tick(us, &mut said).unwrap();
+        }
+        assert_eq!(said.iter().filter(|(topic, _)| topic == DIAGNOSTICS).count(), 2);
     }
 }

@@ -70,6 +70,7 @@ def main():
     database = cantools.database.load_file(dbc)
     definition = database.get_message_by_name("Slip")
     equal("CAN FD in the DBC", definition.is_fd, True)
+    equal("cycle time in the DBC, ms", float(definition.cycle_time), 4.167)
     slip_frames = [frame for frame in frames if frame[1] >> 8 & 0x1FFF == SLIP_PORT]
     equal("slip messages", len(slips), len(slip_frames))
     fields = 0

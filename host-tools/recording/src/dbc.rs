@@ -4,7 +4,8 @@
 use std::fmt::Write;
 
 use anyhow::Result;
-use slipsense::wire::{NodeId, SlipMessage, Transmitter};
+use slipsense::params::FRAME_RATE_HZ;
+use slipsense::wire::{NodeId, SlipMessage, SlipReceiver, Transmitter};
 
 use crate::layout::{self, Field, Kind, Leaf};
 
@@ -53,7 +54,11 @@ pub fn text(node: NodeId) -> Result<String> {
             " SG_ {name} : {offset}|{bits}@1{sign} ({factor},0) [{low}|{high}] \"{unit}\" Vector__XXX"
         )?;
     }
-    let about = "The decision of one frame and the contact on each pad, 240 per second. Act on slip where invalid is 0.";
+    let timeout_ms = SlipReceiver::TIMEOUT_US as f64 / 1e3;
+    let about = format!(
+        "The decision of one frame and the contact on each pad, {FRAME_RATE_HZ} per second. Act on slip where invalid is 0 \
+         and the last message is at most {timeout_ms} ms old."
+    );
     writeln!(out, "\nCM_ BO_ {id} \"{about}\";")?;
     for Signal { name, comment, .. } in signals.iter().filter(|signal| !signal.comment.is_empty()) {
         writeln!(out, "CM_ SG_ {id} {name} \"{}\";", comment.replace('"', "'"))?;
@@ -65,6 +70,7 @@ pub fn text(node: NodeId) -> Result<String> {
     writeln!(out, "BA_DEF_ BO_ \"GenMsgCycleTime\" FLOAT 0 10000;")?;
     writeln!(out, "BA_DEF_DEF_ \"VFrameFormat\" \"StandardCAN\";\nBA_DEF_DEF_ \"GenMsgCycleTime\" 0;")?;
     writeln!(out, "BA_ \"VFrameFormat\" BO_ {id} {EXTENDED_FD};")?;
+    writeln!(out, "BA_ \"GenMsgCycleTime\" BO_ {id} {:.3};", 1e3 / f64::from(FRAME_RATE_HZ))?;
     write!(out, "VAL_ {id} class_index")?;
     for (name, value, _) in definition.constants.iter().filter(|(name, ..)| name.starts_with("CLASS")) {
         write!(out, " {value} \"{name}\"")?;

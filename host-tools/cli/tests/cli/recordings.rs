@@ -248,6 +248,8 @@ fn descriptions_for_other_programs() {
     place.run("dbc --node-id 43 --out @slip.dbc");
     let dbc = fs::read_to_string(place.path("slip.dbc")).unwrap();
     assert!(dbc.contains("BO_ 2222471979 Slip: 64 SlipSense43"), "{dbc}");
+    assert!(dbc.contains("BA_ \"GenMsgCycleTime\" BO_ 2222471979 4.167;"), "{dbc}");
+    assert!(dbc.contains("at most 12.5 ms old"), "{dbc}");
     assert!(dbc.contains(" SG_ slip : 90|1@1+ (1,0) [0|1] \"\" Vector__XXX"), "{dbc}");
     assert!(place.run("c-header").contains("static inline int slipsense_slip_decode("));
 }

@@ -10,7 +10,7 @@ use slipsense::node::{ACCESS_PORT, CALIBRATE, COMMAND_PORT};
 use slipsense::wire::{CanFrame, Frames, NodeId, Priority, ServiceId, ServiceRole, Sessions, TransferId};
 
 use crate::candump::LogEntry;
-use crate::link::{Input, Source};
+use crate::link::{Input, Source, now_us};
 
 /// A node answers within this time; a store may take an erase of its flash.
 pub const ANSWER: Duration = Duration::from_secs(10);
@@ -56,9 +56,10 @@ pub struct Client {
 }
 
 impl Client {
-    /// `own` must be no other node's address.
-    pub const fn new(own: NodeId, node: NodeId) -> Self {
-        Self { own, node, transfer: 0 }
+    /// `own` must be no other node's address. The first transfer is numbered by the clock: a node takes what it has had
+    /// within two seconds, with the same number, for a repetition, and does not answer.
+    pub fn new(own: NodeId, node: NodeId) -> Self {
+        Self { own, node, transfer: (now_us() / 100_000 % 32) as u8 }
     }
 
     /// The frames of the next request.
@@ -187,5 +188,18 @@ impl Reads {
                 Some((from, name, numbers(arrived.payload)?))
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_same_command_again_is_no_repetition() {
+        let first = || Client::new(NodeId::new(126).unwrap(), NodeId::DEFAULT).read("a");
+        let before = first();
+        std::thread::sleep(Duration::from_millis(110));
+        assert_ne!(before, first());
     }
 }

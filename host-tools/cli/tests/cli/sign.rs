@@ -3,9 +3,11 @@
 use std::fs;
 
 use crate::support::{Place, elf_header, model_bytes};
+use slipsense::net::format::Dims;
 use slipsense::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2};
 use slipsense::update::{DEVELOPMENT_KEY, HEADER_BYTES, Header, PUBLIC_KEYS};
 use slipsense_recording::from_hex;
+use slipsense_recording::model_file::random_model;
 
 /// The least that passes for a firmware: a stack, where it begins, and something.
 fn binary() -> Vec<u8> {
@@ -54,6 +56,13 @@ fn a_firmware_is_signed_and_looked_into() {
     place.file("fw.slip", &damaged);
     assert_eq!(info("")["whole"], false);
     assert!(place.run("image info @fw.slip").contains("NOT what the header says"));
+    place.errors([
+        (
+            format!("image info @fw.slip --public-key {public}"),
+            "fw.slip: the payload is not what the header says",
+        ),
+        (format!("image info @fw.slip --public-key {}", "05".repeat(32)), "fw.slip: not signed by the key"),
+    ]);
     damaged[64..128].fill(0);
     place.file("fw.slip", &damaged);
     assert_eq!(info("")["signature"], "none");
@@ -115,10 +124,15 @@ fn what_cannot_be_signed() {
     let mut long = binary();
     long.resize(500_000, 0);
     place.file("long.bin", long);
+    let fields = [8, 16, 32, 64, 6, 96, 8, 60];
+    let large = random_model(Dims::from_fields(fields).unwrap(), 1).to_bytes().unwrap();
+    let too_large = format!("{} bytes, a board has room for a model of 129024", large.len());
+    place.file("large.slipnet", large);
     place.errors([
         (format!("sign @fw.bin {dev}"), "fw.bin: a firmware is for one board: --board says which"),
         (format!("sign @text --board h743 {dev}"), "text: is not a firmware of the NUCLEO-H743ZI2"),
         (format!("sign @m.slipnet {dev}"), "m.slipnet: refused as a model: SHA-256 does not match"),
+        (format!("sign @large.slipnet {dev}"), too_large.as_str()),
         (format!("sign @none {dev}"), "none: cannot read"),
         ("sign @fw.bin --board h743 --version 1.0.0 --key @bad.key --out @x".into(), "bad.key: is not a key"),
         (format!("sign @fw.bin --board h743 {dev}/y"), "cannot write"),
@@ -127,7 +141,7 @@ fn what_cannot_be_signed() {
         ("keygen --out @fw.bin".into(), "fw.bin: exists already, and a key is not overwritten"),
         (
             format!("sign @long.bin --board h743 {dev}"),
-            "500000 bytes, the slot of a firmware has room for 392192",
+            "500000 bytes, a board has room for a firmware of 392192",
         ),
     ]);
 }

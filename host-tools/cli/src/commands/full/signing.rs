@@ -13,6 +13,7 @@ use sha2::{Digest, Sha256};
 use slipsense::net::Model;
 use slipsense::net::format::MAGIC as MODEL_MAGIC;
 use slipsense::node::{CHALLENGE_BYTES, UNLOCK_PREFIX, UpdateTarget};
+use slipsense::params::limits::MODEL_BYTES;
 use slipsense::update::partitions::{FLASH_BASE, NUCLEO_H743ZI2, Partitions, TRAILER_BYTES};
 use slipsense::update::{DEVELOPMENT_KEY, DEVELOPMENT_SEED, HEADER_BYTES, Header, ImageVersion, Refusal};
 use slipsense_recording::{firmware_elf, from_hex};
@@ -160,8 +161,7 @@ fn header_for(
     let is_model = file.starts_with(&MODEL_MAGIC);
     let (target, payload, room) = if is_model {
         Model::parse(file).with_context(|| format!("{name}: refused as a model"))?;
-        let room = board.unwrap_or(Board::H743).partitions().model.bytes() - HEADER_BYTES as u32;
-        (UpdateTarget::Model, file.to_vec(), room)
+        (UpdateTarget::Model, file.to_vec(), MODEL_BYTES as u32)
     } else {
         let board =
             board.with_context(|| format!("{name}: a firmware is for one board: --board says which"))?;
@@ -174,7 +174,7 @@ fn header_for(
         (UpdateTarget::Firmware, payload, partitions.active.bytes() - TRAILER_BYTES)
     };
     let (bytes, kind) = (payload.len(), target.name());
-    ensure!(bytes <= room as usize, "{name}: {bytes} bytes, the slot of a {kind} has room for {room}");
+    ensure!(bytes <= room as usize, "{name}: {bytes} bytes, a board has room for a {kind} of {room}");
     let sha256 = Sha256::digest(&payload).into();
     let board = board.map_or(0, |board| board.partitions().id);
     let header = Header { target, board, version, length: bytes as u32, sha256 };
@@ -210,6 +210,8 @@ enum What {
 }
 
 /// Say what an image is, for which board, of which version, whether it is whole and who signed it
+///
+/// With --public-key it is an error if the image is not whole or not signed by this key.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Signature:
@@ -237,7 +239,11 @@ impl ImageArgs {
         let What::Info(args) = self.what;
         let name = args.file.display().to_string();
         let image = fs::read(&args.file).with_context(|| format!("{name}: cannot read"))?;
-        ImageInfo::new(&image, &name, args.public_key)?.print(&args.print)
+        let info = ImageInfo::new(&image, &name, args.public_key)?;
+        let named = args.public_key.is_some();
+        ensure!(!named || info.signature == "valid", "{name}: not signed by the key of --public-key");
+        ensure!(!named || info.whole, "{name}: the payload is not what the header says");
+        info.print(&args.print)
     }
 }
 

@@ -228,7 +228,7 @@ fn what_cannot_be_recorded_converted_or_replayed() {
         ("convert @a.log @x.wav", "must end in"),
         ("convert @x.txt @out.mcap", "must end in"),
         ("convert @bad.log @out.mcap", "line 1: identifier \"wxyzwxyz\""),
-        ("convert @a.log @x.npz", "--xl-lsb-g is missing"),
+        ("convert @a.log @x.npz", "--xl-lsb-g is missing: g per LSB, 0.000133 for an ADXL380"),
         ("convert @a.log @x.npz --xl-lsb-g 1 --node-id 7", "node 7"),
         ("convert @a.log @x.csv", "no crosshead's displacement"),
         ("record @a.log @x.wav", "must end in .mcap or .log"),

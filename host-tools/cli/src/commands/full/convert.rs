@@ -37,8 +37,8 @@ python-can makes Vector's ASC and BLF of a candump log, and the reverse:
 Examples:
   slipsense convert can.log can.mcap
   slipsense convert grasp.npz grasp.log
-  slipsense convert bus.mcap grasp.npz --xl-lsb-g 0.000488
-  slipsense convert bus.log other.npz --node-id 43 --xl-lsb-g 0.000488 --json
+  slipsense convert bus.mcap grasp.npz --xl-lsb-g 0.000133
+  slipsense convert bus.log other.npz --node-id 43 --xl-lsb-g 0.000133 --json
   slipsense convert stand.csv stand.mcap")]
 pub struct Args {
     /// Recording to read
@@ -56,6 +56,9 @@ pub struct Args {
     #[command(flatten)]
     print: Print,
 }
+
+const XL_LSB_G_MISSING: &str = "--xl-lsb-g is missing: g per LSB, 0.000133 for an ADXL380, 0.0005 for an ADXL382, \
+                                0.000122 for an ICM-42688-P";
 
 pub fn node_id(text: &str) -> Result<NodeId, String> {
     text.parse().ok().and_then(NodeId::new).ok_or_else(|| "must be 0 to 127".to_owned())
@@ -140,7 +143,7 @@ impl Args {
     }
 
     fn rebuild(&self, from: &Kind) -> Result<(String, Vec<String>)> {
-        let lsb = self.xl_lsb_g.context("--xl-lsb-g is missing: an episode needs it (0.000488 at ±16 g)")?;
+        let lsb = self.xl_lsb_g.context(XL_LSB_G_MISSING)?;
         ensure!(lsb.is_finite() && lsb > 0.0, "--xl-lsb-g is {lsb}, must be above 0");
         let (mut rebuilder, mut displacement) = (Rebuilder::default(), false);
         let mut notes = self.records(from, |record| {

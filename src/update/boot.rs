@@ -124,14 +124,13 @@ impl<A: NorFlash, D: NorFlash, S: NorFlash> Slots<A, D, S> {
         let Some(at) = at else { return Ok(()) };
         let bytes = board.active.bytes();
         self.active.erase(0, bytes).map_err(|_| BootFailure::Flash)?;
-        let mut done = 0;
-        while done < bytes && !buffer.is_empty() {
-            self.dfu.read(at + done, buffer).map_err(|_| BootFailure::Flash)?;
+        // From the end down, so that the header comes first: vectors without one would pass as written by a probe.
+        for at_piece in (0..bytes).step_by(buffer.len().max(1)).rev() {
+            self.dfu.read(at + at_piece, buffer).map_err(|_| BootFailure::Flash)?;
             // Erased flash stays erased, so that it can be written later.
             if buffer.iter().any(|&byte| byte != 0xFF) {
-                self.active.write(done, buffer).map_err(|_| BootFailure::Flash)?;
+                self.active.write(at_piece, buffer).map_err(|_| BootFailure::Flash)?;
             }
-            done += buffer.len() as u32;
         }
         Ok(())
     }

@@ -56,8 +56,14 @@ pub fn payload(seed: u64, length: usize) -> Vec<u8> {
     bytes
 }
 
+/// Words at the begin of a program in the active slot: its stack's end, and where to begin.
+pub const VECTORS: [u32; 2] = [0x2000_6000, 0x0800_0000 + BOARD.active.start + 0x299];
+
+/// Any bytes behind vectors.
 pub fn firmware(version: ImageVersion) -> Vec<u8> {
-    payload(version.minor.into(), 1500 + usize::from(version.patch) * 7)
+    let mut bytes = payload(version.minor.into(), 1500 + usize::from(version.patch) * 7);
+    bytes[..8].copy_from_slice(VECTORS.map(u32::to_le_bytes).as_flattened());
+    bytes
 }
 
 pub fn model(seed: u64) -> Vec<u8> {

@@ -3,6 +3,9 @@
 //! A static goes to AXI SRAM, for the CPU, by `#[unsafe(link_section = ".axisram")]`, to D2 SRAM 2, for the CPU too, by
 //! `".sram2"`, and to D2 SRAM 1, for the CPU and DMA1 and DMA2, never cached, by `".sram_d2"`. All are zeroed by [`init`]
 //! whatever their initial value says, so it is one whose bytes are zeros, such as an empty `StaticCell`.
+//!
+//! No `StaticCell` lies in `.sram_d2`: taking one is an exclusive access (LDREX). In memory that is shared and not cached
+//! the bus would have to answer it, which that of the STM32H7 does not, and the core faults.
 
 use core::arch::{asm, global_asm};
 

@@ -19,7 +19,7 @@ use embassy_sync::mutex::Mutex;
 use slipsense::board::{Accelerometer, XlPart};
 use slipsense::drivers::{SPI_BUFFER_BYTES, SpiBuffer};
 use slipsense::params::MAX_SENSORS;
-use static_cell::{ConstStaticCell, StaticCell};
+use static_cell::StaticCell;
 
 #[cfg(all(feature = "adxl382", feature = "icm42688"))]
 compile_error!(
@@ -49,8 +49,7 @@ pub const PART: XlPart = <Xl as Accelerometer>::PART;
 static BUS: StaticCell<Bus> = StaticCell::new();
 /// One for each accelerometer: DMA does not reach the driver's own memory.
 #[unsafe(link_section = ".sram_d2")]
-static BUFFERS: ConstStaticCell<[SpiBuffer; MAX_SENSORS]> =
-    ConstStaticCell::new([[0; SPI_BUFFER_BYTES]; MAX_SENSORS]);
+static mut BUFFERS: [SpiBuffer; MAX_SENSORS] = [[0; SPI_BUFFER_BYTES]; MAX_SENSORS];
 
 pub struct Hardware {
     pub spi: Peri<'static, peripherals::SPI1>,
@@ -72,7 +71,8 @@ pub fn start(hardware: Hardware) -> [Xl; MAX_SENSORS] {
     let Hardware { spi, sck, miso, mosi, tx_dma, rx_dma, chip_selects } = hardware;
     let bus: &'static Bus =
         BUS.init(Mutex::new(Spi::new(spi, sck, mosi, miso, tx_dma, rx_dma, Irqs, config)));
-    let mut buffers = BUFFERS.take().iter_mut();
+    // SAFETY: nothing else uses them, and this runs once: it takes the only SPI1.
+    let mut buffers = unsafe { &mut *(&raw mut BUFFERS) }.iter_mut();
     chip_selects.map(|pin| {
         let device = SpiDevice::new(bus, Output::new(pin, Level::High, Speed::High));
         Xl::new(device, unwrap!(buffers.next()))

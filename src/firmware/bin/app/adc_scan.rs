@@ -38,7 +38,6 @@ use slipsense::drivers::scan::{
 use slipsense::firmware::clocks::{ADC_HZ, TIMER_HZ};
 use slipsense::params::{FRAME_PERIOD_US, MAX_SENSORS, TAXELS};
 use slipsense::pipeline::FrameStamp;
-use static_cell::{ConstStaticCell, StaticCell};
 
 pub const TIMING: SlotTiming = SlotTiming::new(TIMER_HZ, ADC_HZ);
 /// The address lines are the pins of port E from this one on.
@@ -54,11 +53,10 @@ const STEP_SPINS: u32 = 200;
 
 /// Two frames of codes, as many arrays side by side as there are.
 #[unsafe(link_section = ".sram_d2")]
-static RING: ConstStaticCell<[u16; 2 * TAXELS * MAX_SENSORS]> =
-    ConstStaticCell::new([0; 2 * TAXELS * MAX_SENSORS]);
+static mut RING: [u16; 2 * TAXELS * MAX_SENSORS] = [0; 2 * TAXELS * MAX_SENSORS];
 /// In RAM, so that a stalled flash cannot delay an address.
 #[unsafe(link_section = ".sram_d2")]
-static ADDRESSES: StaticCell<[u32; TAXELS]> = StaticCell::new();
+static mut ADDRESSES: [u32; TAXELS] = [0; TAXELS];
 
 /// What the interrupt says of a frame.
 #[derive(Clone, Copy)]
@@ -108,8 +106,9 @@ unsafe impl Send for AdcScan {}
 impl AdcScan {
     /// Set everything up and start. `arrays`: 1 to 3.
     pub fn start(hardware: Hardware, arrays: usize) -> Self {
-        let ring = RING.take().as_ptr();
-        let addresses = ADDRESSES.init_with(|| address_table(FIRST_PIN)).as_ptr();
+        let (ring, addresses) = ((&raw const RING).cast(), &raw mut ADDRESSES);
+        // SAFETY: nothing else uses the table, and this runs once: it takes the only timer.
+        unsafe { addresses.write(address_table(FIRST_PIN)) };
         ARRAYS.store(arrays as u32, Ordering::Relaxed);
         for pin in hardware.address {
             // Never dropped: that would release the pin.
@@ -142,6 +141,8 @@ impl AdcScan {
 
     /// From the first taxel on. Everything is set up and stands still.
     fn begin(&self) {
+        // What was written for the DMA is there before it starts.
+        cortex_m::asm::dmb();
         pac::GPIOE.bsrr().write_value(pac::gpio::regs::Bsrr(address_word(0, FIRST_PIN)));
         let address = pac::DMA2.st(2);
         pac::DMA2.ifcr(0).write(|w| clear(w, 2));

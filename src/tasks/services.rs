@@ -26,7 +26,7 @@ use crate::health::{self, CanState, Condition, SELF_CHECKS, Status};
 use crate::node::{
     Action, CALIBRATION_LINE, CHALLENGE_BYTES, FileSink, Node, SIGNATURE_BYTES, Severity, UpdateTarget,
 };
-use crate::params::FRAME_RATE_HZ;
+use crate::params::{FRAME_PERIOD_US, FRAME_RATE_HZ};
 use crate::settings::Settings;
 use crate::update::{Evidence, Notice};
 use crate::wire::NodeId;
@@ -35,6 +35,8 @@ use crate::wire::NodeId;
 const POLL_US: u64 = 20_000;
 /// The same while frames wait for room.
 const POLL_FAST_US: u64 = 1_000;
+/// Longest wait of work for a frame that leaves time: one late frame in 25 is less bad than a store that never ends.
+const STARVED_US: u64 = 25 * FRAME_PERIOD_US;
 /// How long a restart waits for its answer to leave at most, µs.
 const RESTART_TIMEOUT_US: u64 = 100_000;
 /// For the frame that the hardware holds when all others have gone, µs: dozens of the longest frames.
@@ -411,15 +413,21 @@ impl<M: RawMutex, R: CanReceive, C: Clock + Clone> NodeLoop<'_, M, R, C> {
         }
     }
 
-    /// Serve beside this work until it is done. It goes on only while the next frame has time: the check of a signature
-    /// takes nearly a frame's, and decisions wait for it.
+    /// Serve beside this work until it is done. It goes on while the next frame has time: the check of a signature takes
+    /// nearly a frame's, and decisions wait for it. Where no frame leaves time, it goes on every [`STARVED_US`].
     async fn meanwhile<T>(&mut self, work: impl Future<Output = T>) -> T {
         let mut work = pin!(work);
+        let mut polled_us = self.clock.now_us();
         loop {
             self.poll();
-            let (shared, clock) = (self.shared, self.clock.clone());
+            let (shared, clock, polled_us) = (self.shared, self.clock.clone(), &mut polled_us);
             let in_time = poll_fn(|context| {
-                if shared.has_time(clock.now_us()) { work.as_mut().poll(context) } else { Poll::Pending }
+                let now_us = clock.now_us();
+                if !shared.has_time(now_us) && now_us.saturating_sub(*polled_us) < STARVED_US {
+                    return Poll::Pending;
+                }
+                *polled_us = now_us;
+                work.as_mut().poll(context)
             });
             match select(in_time, self.receive(POLL_FAST_US)).await {
                 Either::First(done) => return done,

@@ -309,6 +309,21 @@ fn work_begins_where_the_next_frame_has_time() {
     }
 }
 
+/// Where every decision falls between the last quarter of its period and the next tick, no frame leaves time.
+#[test]
+fn work_goes_on_where_no_frame_leaves_time() {
+    let decide = |ms: u64, shared: &Shared<NoopRawMutex>, _: &Bus| {
+        if ms.is_multiple_of(4) {
+            shared.decided(ms.saturating_sub(4) * 1000);
+        }
+    };
+    let requests = [(1_000, COMMAND_PORT, command(STORE, b""))];
+    let ran = Run { meanwhile: &decide, ..Run::new(&requests, 1_400) }.run();
+    let from_us = ran.log.stored_from_us;
+    assert!((1_100_000..1_120_000).contains(&from_us), "{from_us} us");
+    assert_eq!(ran.answers(COMMAND_PORT)[0].2[0], 0);
+}
+
 #[test]
 fn the_bus_is_served_while_a_store_takes_four_seconds() {
     let mut requests = vec![(1_000, COMMAND_PORT, command(STORE, b""))];

@@ -19,6 +19,8 @@ use crate::watchdog::Watchdog;
 
 type BoardInference = Inference<'static, Mutex, Uptime, (), &'static mut State>;
 static INFERENCE: StaticCell<BoardInference> = StaticCell::new();
+/// Frames after which a check is made although the next frame may be late for it: ten a second.
+const CHECK_ANYWAY: u32 = FRAME_RATE_HZ / 10;
 
 /// With a model or without.
 pub enum Decider {
@@ -82,7 +84,7 @@ impl Decider {
             match self {
                 Self::Pipeline(inference, check) => {
                     inference.serve(&mut queue).await;
-                    if SHARED.has_time(Uptime.now_us()) {
+                    if SHARED.has_time(Uptime.now_us()) || frames_until_report.is_multiple_of(CHECK_ANYWAY) {
                         let found = check.step();
                         SHARED.update_status(|status| status.self_checks = found);
                     }
@@ -149,6 +151,7 @@ fn without_model(stamp: FrameStamp, sensors: usize, status: &Status, locked: boo
     let mut contact = [SensorContact::default(); MAX_SENSORS];
     contact.iter_mut().take(sensors).for_each(|contact| *contact = flagged);
     let FrameStamp { sequence, timestamp_us } = stamp;
-    let origin = Origin::new(status, status.late_frames, false, locked);
+    // Nothing is decided, so none is late: those that acquisition dropped.
+    let origin = Origin::new(status, status.dropped_frames, false, locked);
     SlipMessage { timestamp_us, sequence, invalid: INVALID_NO_MODEL, contact, ..origin.message(sensors, 0) }
 }

@@ -164,6 +164,11 @@ impl FileRead {
         Self { target, file, length_max, state: State::Ask, chunk }
     }
 
+    /// Is the board checking the whole file, and installing it if it is right?
+    pub fn is_ending(&self) -> bool {
+        self.state == State::Taken && self.chunk.last
+    }
+
     pub fn next(&self, now_us: u64) -> Next {
         match self.state {
             State::Ask => Next::Ask,

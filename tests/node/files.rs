@@ -190,6 +190,22 @@ fn a_new_file_replaces_the_old_one_and_its_late_pieces() {
     assert_eq!((third[0], node.take_action()), (5, None));
 }
 
+/// The board may install it meanwhile: whoever hears that it was not taken would be told wrong.
+#[test]
+fn no_file_replaces_one_that_is_being_checked() {
+    let mut node = node();
+    begin(&mut node, 4, BEGIN_SOFTWARE_UPDATE, b"firmware.bin", 1_000);
+    node.poll(0);
+    let (id, transfer, ..) = requests(&mut node)[0];
+    answer(&mut node, id, transfer, 0, &[1; 100], 0);
+    let whole = node.take_chunk().unwrap();
+    let again = ask(&mut node, COMMAND_PORT, 5, &command(BEGIN_SOFTWARE_UPDATE, b"firmware.bin"), 0).unwrap();
+    assert_eq!((again[0], node.take_action()), (5, None));
+    node.chunk_done(&whole, Ok(()));
+    let received = Action::UpdateReceived { target: UpdateTarget::Firmware, length: 100 };
+    assert_eq!(node.take_action(), Some(received));
+}
+
 #[test]
 fn after_a_refused_image_no_other_begins_for_a_while() {
     let (mut node, mut sink) = (node(), Memory::default());

@@ -53,7 +53,7 @@ update, until it is unlocked. `slipsense.status.locked` shows it. To unlock unti
 2. sign it with an [update key](../board/updates.md): `slipsense sign --challenge HEX --key fleet.key`;
 3. send the signature, 64 bytes, as the parameter of ExecuteCommand 2.
 
-A challenge counts for one attempt of one start. After a refused signature none is checked for one second. To leave the
+A challenge unlocks once, in one start. After a refused signature none is checked for one second. To leave the
 lock, unlock, write 0, and store.
 
 A node whose stored settings are damaged starts with the defaults, unlocked. It sets bit 6 (value 64) of the heartbeat's

@@ -3,7 +3,7 @@
 use super::super::action::Action;
 use super::super::command::{self, CommandStatus};
 use super::super::diagnostic::Severity;
-use super::super::file_read::FileFailure;
+use super::super::file_read::{FileFailure, FileRead};
 use super::super::get_info::{self, GET_INFO_BYTES, GET_INFO_PORT};
 use super::super::registers::{self, ACCESS_BYTES, ACCESS_PORT, Effect, LIST_BYTES, LIST_PORT, NodeState};
 use super::{COMMAND_TIMEOUT_US, Node, Pending, SIGNATURE_PAUSE_US, STORE_PAUSE_US};
@@ -89,6 +89,10 @@ impl Node {
         }
         if later && self.pending.is_some() {
             return Err("another command is not done yet");
+        }
+        if matches!(action, Action::BeginUpdate { .. }) && self.file.as_ref().is_some_and(FileRead::is_ending)
+        {
+            return Err("the file before is being checked");
         }
         let [store, calibration] = self.store_pauses_until_us;
         let (pause_until_us, why) = match action {

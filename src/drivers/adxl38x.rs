@@ -148,7 +148,9 @@ impl<SPI: SpiDevice, const IS_382: bool> Accelerometer for Adxl38x<'_, SPI, IS_3
         if level == 0 {
             return Ok(fifo);
         }
-        let bytes = self.registers.read(read(register::FIFO_DATA), level as usize * ENTRY_BYTES).await?;
+        let bytes = self.registers.read(read(register::FIFO_DATA), level as usize * ENTRY_BYTES).await;
+        // Entries of a read that failed may be gone.
+        let bytes = bytes.inspect_err(|_| self.framer = Framer::default())?;
         for &entry in bytes.as_chunks::<ENTRY_BYTES>().0 {
             match self.framer.push(entry) {
                 // 106 samples at most: there is room.

@@ -69,6 +69,8 @@ pub struct Array<'c> {
     found: TaxelMask,
     /// Those and the faulty ones of the calibration, on the pad.
     masked: TaxelMask,
+    /// Taxels that a setting switches off, on the pad.
+    off: TaxelMask,
     /// Frames in a row whose taxels agree.
     uniform_frames: u32,
     /// Frames in a row without contact.
@@ -91,6 +93,7 @@ impl<'c> Array<'c> {
             mounting: Mounting { rows_flipped: false, cols_flipped: false },
             found: TaxelMask::NONE,
             masked: TaxelMask::NONE,
+            off: TaxelMask::NONE,
             uniform_frames: 0,
             quiet_frames: 0,
             row: 0,
@@ -106,6 +109,11 @@ impl<'c> Array<'c> {
     pub fn mount(&mut self, mounting: Mounting) {
         self.mounting = mounting;
         self.update_mask();
+    }
+
+    /// From now on these taxels of the pad are no touch, whatever they read; the pipeline masks them.
+    pub fn switch_off(&mut self, off: TaxelMask) {
+        self.off = off;
     }
 
     /// How it sits.
@@ -176,11 +184,12 @@ impl<'c> Array<'c> {
         !self.is_dead()
     }
 
-    /// Counts of the taxels that are neither masked nor at full scale, which one that is shorted would be.
+    /// Counts of the taxels that are neither masked nor off nor at full scale, which one that is shorted would be.
     fn contact_sum(&self, frame: &PiezoFrame) -> u32 {
         let mut sum = frame.sum();
-        let rows = frame.counts().as_chunks::<TAXEL_COLS>().0.iter().zip(&self.masked.0);
-        for (row, &masked) in rows.filter(|(_, masked)| frame.is_saturated() || **masked != 0) {
+        let masked = self.masked.0.iter().zip(&self.off.0).map(|(masked, off)| masked | off);
+        let rows = frame.counts().as_chunks::<TAXEL_COLS>().0.iter().zip(masked);
+        for (row, masked) in rows.filter(|&(_, masked)| frame.is_saturated() || masked != 0) {
             for (col, &count) in row.iter().enumerate() {
                 if masked >> col & 1 != 0 || count == COUNT_MAX {
                     sum -= u32::from(count);

@@ -31,6 +31,8 @@ pub struct SensorReport {
 pub struct SensorLink<'l, M: RawMutex> {
     pub(super) report: Mutex<M, Cell<Option<SensorReport>>>,
     mountings: Mutex<M, Cell<[Mounting; MAX_SENSORS]>>,
+    /// Until the sensors take them over.
+    pub(super) switched_off: Mutex<M, Cell<Option<[TaxelMask; MAX_SENSORS]>>>,
     /// To the sensors, and back when it is done.
     pub(super) job: Mutex<M, Cell<Option<(Job, &'l mut Bench)>>>,
     pub(super) done: Mutex<M, Cell<Option<(Job, &'l mut Bench)>>>,
@@ -45,6 +47,7 @@ impl<'l, M: RawMutex> SensorLink<'l, M> {
         Self {
             report: Mutex::new(Cell::new(None)),
             mountings: Mutex::new(Cell::new([PLAIN; MAX_SENSORS])),
+            switched_off: Mutex::new(Cell::new(None)),
             job: Mutex::new(Cell::new(None)),
             done: Mutex::new(Cell::new(None)),
             measured: Mutex::new(Cell::new(0)),
@@ -64,6 +67,11 @@ impl<'l, M: RawMutex> SensorLink<'l, M> {
     /// From the next frame on the arrays are mounted so.
     pub fn mount(&self, mountings: [Mounting; MAX_SENSORS]) {
         self.mountings.lock(|own| own.set(mountings));
+    }
+
+    /// From the next frame on these taxels of the pads are no touch.
+    pub fn switch_off(&self, taxels: [TaxelMask; MAX_SENSORS]) {
+        self.switched_off.lock(|cell| cell.set(Some(taxels)));
     }
 
     /// The last report, of which there is one a second; `None` in the first second.

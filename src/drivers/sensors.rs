@@ -106,6 +106,11 @@ impl<M: RawMutex, T: TaxelScan, A: Accelerometer> FrameSource for Sensors<'_, M,
                 array.mount(mounting);
             }
         }
+        if let Some(taxels) = self.link.switched_off.lock(Cell::take) {
+            for (Sensor { array, .. }, off) in self.sensors.iter_mut().zip(taxels) {
+                array.switch_off(off);
+            }
+        }
         self.frames_until_report -= 1;
         if self.frames_until_report == 0 {
             self.frames_until_report = FRAME_RATE_HZ;

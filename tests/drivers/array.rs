@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use slipsense::calibration::{BLOCK_FRAMES, Calibration};
 use slipsense::drivers::array::{Array, DEAD_FRAMES, Mounting, STUCK_FRAMES};
 use slipsense::params::{COUNT_MAX, FRAME_RATE_HZ, TAXEL_ROWS, TAXELS};
-use slipsense::sensor::{PiezoFrame, is_active};
+use slipsense::sensor::{PiezoFrame, TaxelMask, is_active};
 use slipsense::transfer::{IDLE_CODE, adc_code};
 
 use super::fake::{measured, nominal};
@@ -77,6 +77,25 @@ fn an_array_that_says_nothing_is_dead_and_one_that_speaks_is_not() {
         let mut railed = || (0..TAXELS).map(|_| rail + rng.random_range(0..16)).collect::<Vec<_>>();
         assert!((0..DEAD_FRAMES).any(|_| !array.read(&railed(), 0, 1, &mut frame)), "rail {rail}");
     }
+}
+
+/// A taxel that reads a touch for ever keeps the offsets from following, until a setting switches it off.
+#[test]
+fn a_taxel_that_is_switched_off_is_no_touch() {
+    let sum_after = |off: TaxelMask| {
+        let rng = &mut ChaCha8Rng::seed_from_u64(9);
+        let mut array = Array::new(Box::leak(calibrated(rng)));
+        array.switch_off(off);
+        let mut frame = PiezoFrame::zeroed();
+        for _ in 0..40 * FRAME_RATE_HZ {
+            let mut codes: Vec<_> = idle(rng).iter().map(|code| code + 60).collect();
+            codes[16 * 32 + 16] = adc_code(1_500) + rng.random_range(0..16);
+            array.read(&codes, 0, 1, &mut frame);
+        }
+        frame.sum()
+    };
+    let (touched, follows) = (sum_after(TaxelMask::NONE), sum_after(TaxelMask::NONE.with(16, 16)));
+    assert!(follows + 500 < touched, "{follows} {touched}");
 }
 
 /// Offsets follow an untouched pad, and no array that is unplugged or has no supply.

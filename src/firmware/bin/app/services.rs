@@ -154,6 +154,7 @@ impl ServiceBoard for Station {
     fn apply(&mut self, settings: &Settings) {
         let mounting = |(rows_flipped, cols_flipped)| Mounting { rows_flipped, cols_flipped };
         LINK.mount(settings.orientation().map(mounting));
+        LINK.switch_off(core::array::from_fn(|sensor| settings.taxel_mask(sensor)));
     }
 
     fn observe(&mut self, status: &mut Status) {

@@ -14,11 +14,11 @@ pub const XL_WARMING_UP: u8 = 4;
 pub const XL_CLIPPED: u8 = 8;
 /// A taxel at full scale.
 pub const TAXELS_SATURATED: u8 = 16;
-/// Accelerometer samples were lost before the front end.
+/// Accelerometer samples were lost before the front end, or more came than a raw message holds.
 pub const XL_SAMPLES_DROPPED: u8 = 32;
 /// The node has no readable model: class, flag and logits of the message mean nothing.
 pub const NO_MODEL: u8 = 64;
-/// Taxels are masked by a setting of the node: they read 0 here and for the network.
+/// Taxels are masked, by a setting, by the calibration or as found stuck: they read 0 here and for the network.
 pub const TAXELS_MASKED: u8 = 128;
 
 /// These bits where it is so, else none.

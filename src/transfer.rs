@@ -9,7 +9,7 @@
 //! ```
 //!
 //! which gives a light grip the fine steps and leaves 4095 to 5 MPa. It is that of the synthetic film, on which the
-//! network was trained (`host-tools/synth/src/film/transfer.rs`). Nowhere does a code more make a count more than one
+//! network was trained (`host-tools/synth/src/film/circuit.rs`). Nowhere does a code more make a count more than one
 //! more, so every count has a code: [`code`].
 
 use crate::params::COUNT_MAX;

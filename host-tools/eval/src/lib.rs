@@ -1,4 +1,4 @@
-//! Evaluation of slip detectors on labelled episodes, in the order of dependence.
+//! Evaluation of slip detectors on labelled episodes, in dependency order.
 //!
 //! A [`detector::Detector`] predicts a class and a score for every frame of one episode after another;
 //! the metrics compare them with both truths, and the report has tables, plots and definitions.

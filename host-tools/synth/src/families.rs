@@ -1,5 +1,5 @@
-//! Families of physics: every stage of the world in several forms that share no formula, so that what a detector has
-//! learned of one form can be judged on another.
+//! Families of physics: every stage of the world in several forms, so that what a detector has learned of one form can
+//! be judged on another. What forms of a stage still share is in `docs/src/evaluation/world.md`.
 //!
 //! The first family of each stage is the laboratory's, of the paper's protocol; training never sees the one held out.
 
@@ -79,7 +79,7 @@ family! {
         Plays,
         /// One power law while the load rises, a flatter one from its peak on.
         Branches,
-        /// Three relaxing elements, slower in release; gain fluctuates.
+        /// A part that follows at once and two that relax, slower in release; gain fluctuates.
         Relaxing,
     }
     held out:

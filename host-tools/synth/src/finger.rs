@@ -338,7 +338,7 @@ impl<'a> EpisodeSetup<'a> {
     }
 
     /// What the accelerometer delivers, and how many of its samples are there at each tick.
-    fn accelerometer(&self, sensor: usize, slip: &SlipSeries) -> (Vec<XlSample>, Vec<u32>) {
+    pub fn accelerometer(&self, sensor: usize, slip: &SlipSeries) -> (Vec<XlSample>, Vec<u32>) {
         let build = &self.builds[sensor];
         let scene = scene(self.resolved, self.plan);
         let streams = if self.sources_apart { NoiseStreams::apart } else { NoiseStreams::in_turn };

@@ -231,6 +231,10 @@ impl Interface {
             let rested = &mut self.rested[cell];
             if slid_mm > creep_mm {
                 *rested *= (1.0 - slid_mm / self.weakening_mm).max(0.0);
+                // No sum keeps less; it would become subnormal, which is slow.
+                if *rested < 1e-30 {
+                    *rested = 0.0;
+                }
                 sliding += p;
             } else {
                 *rested += (1.0 - *rested) * heal;

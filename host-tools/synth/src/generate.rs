@@ -15,7 +15,7 @@ use crate::labels::{self, Encoder, Rule};
 use crate::recipe::{Recipe, ResolvedRecipe, SynthError};
 use crate::scenario::script::Script;
 use crate::scenario::{self, Plan};
-use crate::vibration;
+use crate::vibration::{self, SlipSeries};
 
 const FRAME_HZ: f64 = FRAME_RATE_HZ as f64;
 
@@ -84,6 +84,29 @@ pub fn generate(recipe: &Recipe) -> Result<Episode, SynthError> {
         displacement_mm: Some(displacement_mm),
         meta,
         xl: fingers.into_iter().map(|finger| finger.xl).collect(),
+    })
+}
+
+/// The accelerometers alone of the episode that [`generate`] makes of a recipe whose vibration content is not `All`: then
+/// nothing that touches a pad sounds, and contact is not simulated. Every pad reads 0, and there are no labels.
+pub fn generate_accelerometers(recipe: &Recipe) -> Result<Episode, SynthError> {
+    let resolved = recipe.resolve()?;
+    let script = script(recipe, &resolved);
+    let (sensors, frames) = (recipe.sensors, frames(&script));
+    let plan = scenario::plan(&mut stream(recipe.seed, Stream::Scenario, 0), &resolved, script);
+    let setup = EpisodeSetup::draw(&resolved, &plan, frames);
+    let samples = (0..sensors).map(|sensor| setup.accelerometer(sensor, &SlipSeries::default()));
+    let (xl, ends): (Vec<_>, Vec<_>) = samples.unzip();
+    Ok(Episode {
+        sensors,
+        label: None,
+        piezo: vec![PiezoFrame::zeroed(); frames * sensors],
+        xl_end: (0..frames).flat_map(|frame| ends.iter().map(move |end| end[frame])).collect(),
+        slip_true_mm_s: None,
+        slip_fraction: None,
+        displacement_mm: None,
+        meta: Meta::nominal(setup.lsb_g),
+        xl,
     })
 }
 

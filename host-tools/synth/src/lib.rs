@@ -43,7 +43,7 @@ pub use families::{
     ContactFamily, DisturbanceFamily, FAMILIES, Families, Family, FilmFamily, FrictionFamily, PathFamily,
     SensorFamily, SourceFamily, Stage,
 };
-pub use generate::{generate, generate_set, plan_frames};
+pub use generate::{generate, generate_accelerometers, generate_set, plan_frames};
 pub use mix::ScenarioChoice;
 pub use recipe::{
     ObjectChoice, Platform, Recipe, Region, SECONDS, SPEEDS_MM_S, SynthError, VibrationContent,

@@ -13,7 +13,7 @@
 use anyhow::{Context, Result, bail, ensure};
 use slipsense::params::TAXELS;
 use slipsense_recording::Episode;
-use slipsense_synth::{Recipe, VibrationContent, generate};
+use slipsense_synth::{Recipe, VibrationContent, generate, generate_accelerometers};
 
 use crate::detector::{Detector, PerSensor, Prediction};
 use crate::fitted::{IDLE_FEATURES as FEATURES, IDLE_TERMS as TERMS, IdleFit};
@@ -25,7 +25,10 @@ pub(crate) fn generated_again(episode: &Episode, content: VibrationContent) -> R
         bail!("rig-only and idle-noise need a generated episode: its meta has no \"recipe\"");
     };
     let recipe: Recipe = serde_json::from_value(recipe.clone()).context("meta: recipe")?;
-    let idle = generate(&Recipe { vibration_content: content, ..recipe })?;
+    let recipe = Recipe { vibration_content: content, ..recipe };
+    // The counts of `rig-only` are not looked at.
+    let untouched = content == VibrationContent::IdleNoise;
+    let idle = if untouched { generate(&recipe) } else { generate_accelerometers(&recipe) }?;
     let same = idle.sensors == episode.sensors && idle.xl_end == episode.xl_end;
     ensure!(same, "meta: recipe makes another episode than this one; another generator made it");
     Ok(idle)

@@ -101,7 +101,8 @@ impl Circuit {
     /// The count of a code with its noise and what the row has in common, counts.
     pub fn count(&self, cell: usize, code: f64, common_counts: f64) -> u16 {
         let level = code + self.drift_codes + CODES_PER_COUNT * common_counts;
-        self.trims[cell].count(level.round().clamp(0.0, u16::MAX.into()) as u16)
+        // `round` is a call; this adds what it adds, and the conversion cuts off and ends at 0 and 65,535.
+        self.trims[cell].count((level + 0.499_999_999_999_999_94) as u16)
     }
 }
 

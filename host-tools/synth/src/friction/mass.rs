@@ -7,7 +7,7 @@ use super::{SLIDING_MM_S, STEP_S, Springs};
 use crate::draw::{Draw, Rng};
 use crate::objects::Object;
 
-/// Steps of the motion within one of the physics: the stiffest pull's period has more than fifty.
+/// Steps of the motion within one of the physics: the stiffest pull's period has more than thirty.
 const SUBSTEPS: usize = 8;
 /// At rest below this speed, mm/s.
 const STILL_MM_S: f64 = 1e-3;

@@ -8,7 +8,8 @@
 //! paper's baselines land where they do in the paper: [`RIG_N_PER_MM`], [`AMBIENT_PER_S`],
 //! [`TOOL_PICKUP_COUNTS`]; outside this file, the ranges of the arrays' noise and idle level, of the
 //! accelerometers' noise and of the flicker of a sliding contact. So that both modalities lead either alone on
-//! the other hand, too, with one seed: the tone of its motors at rest. None was tuned for the network of this project.
+//! the other hand, too, with one seed: the tone of its motors at rest, and how far pressure shifts under shear. None was
+//! tuned for the shipped network.
 
 use crate::draw::Span;
 

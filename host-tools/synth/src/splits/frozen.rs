@@ -27,7 +27,7 @@ pub struct FrozenSet {
     pub split: Split,
     pub seed: u64,
     pub frames: usize,
-    /// Slip events by the encoder's label.
+    /// Slip events by the episodes' labels.
     pub slip_events: usize,
     /// The episodes in order. Last, so that the text can have a line for each.
     pub episodes: Vec<FrozenEpisode>,

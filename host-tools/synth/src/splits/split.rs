@@ -44,8 +44,8 @@ macro_rules! splits {
 
             /// Episodes of the frozen set; 0 where none is frozen. Four in five slip, some of them twice
             /// (the protocol of `src/mix.rs`): 84 slips or more each in `umi_id` and `umi_ood` (the paper tests
-            /// on 167 in all), more than 30 each in the transfer splits. `noslip` is one hour;
-            /// nine in ten of `free` slip, four in five of the transfer splits. `transfer_noslip` is half an hour.
+            /// on 167 in all), more than 30 each in `palm`, `tesollo2` and `tesollo3`. `noslip` is one hour;
+            /// nine in ten of `free` slip, three in five of the `transfer_` splits. `transfer_noslip` is half an hour.
             pub const fn frozen_episodes(self) -> usize {
                 match self { $(Self::$split => $episodes,)* }
             }

@@ -94,6 +94,19 @@ fn with_only_the_rigs_vibration_there_is_no_slip_in_it() {
 }
 
 #[test]
+fn without_contact_the_rig_sounds_the_same() {
+    let tesollo = Recipe { platform: Platform::Tesollo, sensors: 3, ..slips(10.0) };
+    for recipe in [slips(18.0), tesollo, slips(18.0).in_families()] {
+        for vibration_content in [VibrationContent::RigOnly, VibrationContent::IdleNoise] {
+            let recipe = Recipe { vibration_content, rig_leak: true, ..recipe.clone() };
+            let (whole, alone) = (generate(&recipe).unwrap(), generate_accelerometers(&recipe).unwrap());
+            assert_eq!((whole.xl, whole.xl_end), (alone.xl, alone.xl_end));
+            assert_eq!((whole.meta.xl_lsb_g, whole.piezo.len()), (alone.meta.xl_lsb_g, alone.piezo.len()));
+        }
+    }
+}
+
+#[test]
 fn leaving_the_rig_out_takes_away_its_comb_and_nothing_else() {
     for with in slips(10.0).series(3) {
         let without = Recipe { rig_leak: false, ..with.clone() };

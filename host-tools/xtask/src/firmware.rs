@@ -1,6 +1,7 @@
 //! The programs of the board.
 
 use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, Result};
 
@@ -14,7 +15,7 @@ pub const FEATURE: &str = "h743";
 pub const MEMORY_MAP: &str = "src/firmware/bin/app/board.x";
 pub const NAME: &str = "slipsense-firmware";
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Program {
     name: &'static str,
     features: &'static str,
@@ -41,6 +42,13 @@ impl Program {
 
     /// The same for several. One core links a program, so neighbours with the same features are built together.
     pub fn build_all(programs: &[Self]) -> Result<()> {
+        // A step may ask for one many times.
+        static BUILT: Mutex<Vec<Program>> = Mutex::new(Vec::new());
+        let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
+        let programs: Vec<_> = programs.iter().copied().filter(|program| !built.contains(program)).collect();
+        if programs.is_empty() {
+            return Ok(());
+        }
         let _lock = lock("firmware")?;
         let toolchain = Toolchain::get()?;
         for same in programs.chunk_by(|a, b| a.features == b.features) {
@@ -48,6 +56,7 @@ impl Program {
             build.args(["--package", "slipsense", "--features", same[0].features]);
             run(build.args(same.iter().flat_map(|program| ["--bin", program.name])))?;
             same.iter().try_for_each(|program| program.keep(toolchain))?;
+            built.extend(same);
         }
         Ok(())
     }

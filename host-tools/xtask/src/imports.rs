@@ -2,7 +2,7 @@
 //!
 //! An import is a path of a `use` or of an expression that leads to another file of the crate. A parent that lists its
 //! children and re-exports what they hold imports nothing; neither do tests within a file. And the modules of the library
-//! stand in the order of dependence.
+//! stand in dependency order.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 
-use crate::process::{answer, cargo, command, need, root, run, target_dir};
+use crate::process::{answer, cargo, command, need, root, run, target_dir, with_lints};
 use crate::qemu::machine::Machine;
 use crate::toolchain::TARGET;
 
@@ -66,10 +66,10 @@ pub fn print() -> Result<()> {
 /// The FFT's C code on the emulated Cortex-M7 against the port there and here, the features made with it, and the
 /// front end's tests with it. What follows the front end is the same with either FFT.
 pub fn step() -> Result<()> {
-    let mut tests = cargo();
+    let mut tests = with_lints(cargo());
     tests.args(["test", "--release", "--quiet", "--package", "slipsense", "--features", FEATURE]);
     run(tests.args(["--test", "host", "--", "features"]))?;
-    let mut here = cargo();
+    let mut here = with_lints(cargo());
     here.args(["run", "--release", "--quiet", "--package", "slipsense-qemu", "--features", FEATURE]);
     let expected = answer(here.args(["--bin", PROGRAM])).with_context(|| format!("{PROGRAM} failed here"))?;
     let mut feature = vec!["--features".to_owned(), FEATURE.to_owned()];

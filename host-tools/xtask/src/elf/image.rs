@@ -39,6 +39,13 @@ impl Section {
     pub fn words(&self) -> impl Iterator<Item = u32> {
         self.content.as_chunks().0.iter().map(|&word| u32::from_le_bytes(word))
     }
+
+    /// The same, without those of `data` if it is part of it.
+    pub fn words_outside(&self, data: &[u8]) -> impl Iterator<Item = u32> {
+        let at = self.content.windows(data.len()).position(|part| part == data);
+        let hole = at.map_or(0..0, |at| at..at + data.len());
+        self.words().zip((0..).step_by(4)).filter(move |(_, at)| !hole.contains(at)).map(|(word, _)| word)
+    }
 }
 
 pub struct Image {

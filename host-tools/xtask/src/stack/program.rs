@@ -6,6 +6,8 @@ use anyhow::{Context, Result, ensure};
 
 use super::graph::{Graph, Node};
 use crate::elf::{Code, Image, Instruction, Section, number};
+use crate::process::root;
+use crate::twin::machine::MODEL;
 
 /// Where a panic ends; what it prints is no part of the frame path.
 pub const PANIC: &str = "rust_begin_unwind";
@@ -47,8 +49,10 @@ impl Program {
             graph.nodes.push(node);
         }
         let tables = image.sections.iter().filter(|section| !section.is_code && section.name != VECTOR_TABLE);
-        let in_tables =
-            tables.flat_map(Section::words).filter_map(|word| image.function_of_pointer(word)).collect();
+        // A weight may look like an address.
+        let model = std::fs::read(root().join(MODEL)).context(MODEL)?;
+        let words = tables.flat_map(|section| section.words_outside(&model));
+        let in_tables = words.filter_map(|word| image.function_of_pointer(word)).collect();
         Ok(Self { image, graph, in_tables, read_off })
     }
 

@@ -6,6 +6,7 @@
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, Result, ensure};
 
@@ -20,7 +21,13 @@ pub const MODEL: &str = "model/weights/slipsense.slipnet";
 const FAR_END_SECONDS: &str = "3600";
 
 pub fn twin_with(elf: &Path) -> Result<Command> {
-    start(cargo_for("build")?.arg("--quiet"))?;
+    // A step starts it up to 23 times.
+    static IS_BUILT: Mutex<bool> = Mutex::new(false);
+    let mut is_built = IS_BUILT.lock().unwrap_or_else(PoisonError::into_inner);
+    if !*is_built {
+        start(cargo_for("build")?.arg("--quiet"))?;
+        *is_built = true;
+    }
     let mut twin = command(target_dir().join("twin/release/slipsense-twin"));
     twin.arg("--elf").arg(elf);
     Ok(twin)

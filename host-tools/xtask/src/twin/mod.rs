@@ -58,7 +58,7 @@ pub struct Options {
     #[arg(long, exclusive = true)]
     flash_flags: bool,
     /// The bootloader must refuse two images; so many times for each it skips one of its instructions. In the step
-    /// `twin-update` 20 times; 20000 is every instruction
+    /// `twin-boot` 20 times; 20000 is every instruction
     #[arg(long, value_name = "RUNS", exclusive = true)]
     boot_skips: Option<u32>,
     /// What the twin is given: episode and options

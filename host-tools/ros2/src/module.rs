@@ -45,7 +45,7 @@ impl Module {
     pub fn mask(&self, sensor: usize) -> Option<TaxelMask> {
         let Sensor { mask, is_masked, .. } = &self.sensors[sensor];
         // An empty one was read before the first taxel was left out.
-        mask.filter(|mask| !is_masked || mask.len() > 0).or((!is_masked).then_some(TaxelMask::NONE))
+        mask.filter(|mask| !is_masked || !mask.is_empty()).or((!is_masked).then_some(TaxelMask::NONE))
     }
 
     pub fn accept(&mut self, message: &SlipMessage) {

@@ -192,7 +192,7 @@ fn window_and_fft_keep_their_signal_to_noise() {
 
 #[test]
 fn nothing_overflows_at_the_largest_filtered_samples() {
-    // Built with overflow checks, this fails by panic too. The signs line up with each bin in turn.
+    // The signs line up with each bin in turn.
     for bin in 0..FFT_BINS {
         for quadrature in [0.0, PI / 2.0, PI / 4.0] {
             let mut ring = Ring::new();

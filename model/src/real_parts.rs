@@ -179,6 +179,8 @@ fn add_lsb(value: &mut i16, more: f64) {
 
 #[cfg(test)]
 mod tests {
+    use std::cell::Cell;
+
     use super::*;
     use slipsense_recording::Meta;
     use slipsense_recording::npz::write_file;
@@ -206,11 +208,15 @@ mod tests {
     #[test]
     fn motion_is_added_to_some_episodes_and_saturates() {
         let (xl, meta) = (vec![vec![[0; 3]; 100]; 2], Meta::nominal(1e-3));
-        let parts = parts();
+        let (parts, ends) = (parts(), Cell::new([false; 2]));
         three_in_ten_change(&parts, Episode { sensors: 2, xl, meta, ..Episode::default() }, |episode| {
             let again = parts.recordings[0].len();
             assert!(episode.xl.iter().all(|xl| xl[0] == xl[again]), "the recording goes on from its start");
+            let has = |end| episode.xl.iter().flatten().flatten().any(|&lsb| lsb == end);
+            let [low, high] = ends.get();
+            ends.set([low || has(i16::MIN), high || has(i16::MAX)]);
         });
+        assert_eq!(ends.get(), [true; 2], "40 g");
     }
 
     #[test]

@@ -297,7 +297,7 @@ fn a_comparison_goes_on_with_what_is_missing() {
     let results = common::json(&out.join("comparisons.json"));
     let rows: Vec<_> = results["rows"].as_array().unwrap().iter().map(|row| &row["row"]).collect();
     assert_eq!(rows, ["base", "both", "xl", "mined", "integers", "wide", "distilled"]);
-    assert!(read("report.txt").contains("does not hold") || read("report.txt").contains("cannot be told"));
+    assert!(read("report.txt").contains("cannot be told"), "by one seed");
     assert!(read("example.svg").contains("accelerometers"));
     // The picture has the classes that are scored; the detector needs pads.
     for row in ["both", "xl"] {

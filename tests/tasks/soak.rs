@@ -322,6 +322,9 @@ fn every_message_of_hours_with_faults_is_the_hosts_or_counted() {
         host.slip_receiver.lost
     );
     println!("{kinds:?}");
+    assert_eq!(kinds.len(), FAULTS.len(), "each kind was met");
+    let met = [status.bus_offs, status.replaced_slips, host.slip_receiver.lost, host.silences];
+    assert!(uptimes.len() > 1 && !met.contains(&0), "{met:?}");
     assert_eq!(host.errors, 0, "no part of a message");
     if asked.is_some() {
         // Alone in this process.

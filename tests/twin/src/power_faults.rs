@@ -7,6 +7,7 @@
 
 use std::collections::VecDeque;
 
+use anyhow::{Result, ensure};
 use rigless::emulator::{Access, AccessKind, Host};
 use rigless::session::Session;
 use rigless::soc::Width;
@@ -41,10 +42,17 @@ pub struct PowerFaults {
 }
 
 impl PowerFaults {
-    /// Fail at these steps of the flash from now on, the first step being 1, each counted from the failure before.
-    pub fn fail_at(&mut self, steps: Vec<u64>) {
+    /// Fail at these steps of the flash from now on, the first step being 1, each counted from the failure before. None
+    /// calls off what is planned; other steps in its place are an error.
+    pub fn fail_at(&mut self, steps: Vec<u64>) -> Result<()> {
+        let planned = self.plan.len();
+        ensure!(
+            steps.is_empty() || planned == 0,
+            "{planned} failures of the supply were planned and did not come"
+        );
         self.plan = steps.into();
         self.done = 0;
+        Ok(())
     }
 
     /// After each access of the core.

@@ -97,7 +97,7 @@ impl Recorder {
         let Some(far_end) = &mut self.far_end else { return Ok(true) };
         let is_there = far_end.exchange(stop.at.0, &mut session.board_mut().mcu.fdcan[0].wire)?;
         if let Some(steps) = far_end.power_fails_at.take() {
-            self.supply.fail_at(steps);
+            self.supply.fail_at(steps)?;
         }
         for order in far_end.orders.drain(..) {
             self.faults.order(&order, session, host, stop)?;

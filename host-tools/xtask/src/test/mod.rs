@@ -31,7 +31,7 @@ cargo xtask twin --long, cargo xtask twin --updates.
 Environment: SLIPSENSE_TOOLCHAIN=debian builds for the Cortex-M7 with Debian's compiler.
 
 Examples:
-  cargo xtask test --only fmt --only host-build --only host
+  cargo xtask test --only fmt --only programs --only host
   cargo xtask test all --list")]
 pub struct Options {
     /// Run all steps, with the trainer

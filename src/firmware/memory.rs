@@ -5,7 +5,7 @@
 //! whatever their initial value says, so it is one whose bytes are zeros, such as an empty `StaticCell`.
 //!
 //! No `StaticCell` lies in `.sram_d2`: taking one is an exclusive access (LDREX). In memory that is shared and not cached
-//! the bus would have to answer it, which that of the STM32H7 does not, and the core faults.
+//! the bus has to answer it, which that of the STM32H7 does not: the core faults, others report (not run here).
 
 use core::arch::{asm, global_asm};
 

@@ -19,8 +19,8 @@ use crate::watchdog::Watchdog;
 
 type BoardInference = Inference<'static, Mutex, Uptime, (), &'static mut State>;
 static INFERENCE: StaticCell<BoardInference> = StaticCell::new();
-/// Frames after which a check is made although the next frame may be late for it: ten a second.
-const CHECK_ANYWAY: u32 = FRAME_RATE_HZ / 10;
+/// Frames in a row that leave no time for a check; after them one is made anyway, for which the next may be late.
+const CHECK_ANYWAY: u32 = 25;
 
 /// With a model or without.
 pub enum Decider {
@@ -80,11 +80,14 @@ impl Decider {
         let mut degraded = Transmitter::new(NodeId::DEFAULT);
         let mut supervisor = Supervisor::new(&Task::ALL);
         let mut frames_until_report = FRAME_RATE_HZ;
+        let mut unchecked = 0;
         loop {
             match self {
                 Self::Pipeline(inference, check) => {
                     inference.serve(&mut queue).await;
-                    if SHARED.has_time(Uptime.now_us()) || frames_until_report.is_multiple_of(CHECK_ANYWAY) {
+                    unchecked += 1;
+                    if SHARED.has_time(Uptime.now_us()) || unchecked > CHECK_ANYWAY {
+                        unchecked = 0;
                         let found = check.step();
                         SHARED.update_status(|status| status.self_checks = found);
                     }

@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use slipsense_can_sim::RECOVERY_BITS;
+
 /// Name on the command line and what it is.
 pub const NAMES: [(&str, Kind); 9] = [
     ("off", Kind::NoAcknowledge),
@@ -37,6 +39,13 @@ impl Kind {
     /// Nothing that the board sends arrives meanwhile.
     pub fn takes_the_bus(self) -> bool {
         matches!(self, Self::NoAcknowledge | Self::ErrorFrames { per_million: 1_000_000 })
+    }
+
+    /// Nanoseconds after it in which the board may still be off the bus: as long as recovery takes, at 1 Mbit/s. Whether
+    /// it is depends on where the end falls between two attempts.
+    pub fn recovery_ns(self) -> u64 {
+        let destroys_all = self == Self::ErrorFrames { per_million: 1_000_000 };
+        if destroys_all { RECOVERY_BITS * 1_000 } else { 0 }
     }
 }
 

@@ -204,9 +204,10 @@ fn queued_us(done: &Done, faults: &Faults, slips: &[Slip]) -> f64 {
     let waits_ns = slips.iter().filter_map(|slip| {
         let from = *requested.get(&slip.end_ns)?;
         let tick_ns = tick_ns(&slip.message, ahead_ns);
-        let lost =
-            faults.all().iter().filter(|fault| fault.kind.takes_the_bus() && fault.when.contains(&tick_ns));
-        let possible_ns = lost.map(|fault| fault.when.end).fold(tick_ns, u64::max);
+        let taken = faults.all().iter().filter(|fault| fault.kind.takes_the_bus());
+        let taken = taken.map(|fault| fault.when.start..fault.when.end + fault.kind.recovery_ns());
+        let possible_ns = taken.filter(|when| when.contains(&tick_ns)).map(|when| when.end).max();
+        let possible_ns = possible_ns.unwrap_or(tick_ns);
         Some(from.saturating_sub(possible_ns))
     });
     waits_ns.max().unwrap_or(0) as f64 / 1000.0

@@ -190,7 +190,7 @@ fn a_new_file_replaces_the_old_one_and_its_late_pieces() {
     assert_eq!((third[0], node.take_action()), (5, None));
 }
 
-/// The board may install it meanwhile: whoever hears that it was not taken would be told wrong.
+/// The board may install it meanwhile: "not taken" would be wrong.
 #[test]
 fn no_file_replaces_one_that_is_being_checked() {
     let mut node = node();

@@ -98,7 +98,7 @@ pub(crate) trait Draw: rand::Rng {
 /// Where the tail of [`normal`] begins.
 const TAIL: f64 = 3.654_152_885_361_009;
 
-fn bell(x: f64) -> f64 {
+fn gaussian(x: f64) -> f64 {
     exp(-x * x / 2.0)
 }
 
@@ -121,14 +121,14 @@ fn normal(rng: &mut (impl rand::Rng + ?Sized)) -> f64 {
             }
             return if side < 0.0 { x - TAIL } else { TAIL - x };
         }
-        let [low, high] = [layer, layer + 1].map(|layer| bell(ENDS[layer]));
-        if high + (low - high) * rng.random::<f64>() < bell(x) {
+        let [low, high] = [layer, layer + 1].map(|layer| gaussian(ENDS[layer]));
+        if high + (low - high) * rng.random::<f64>() < gaussian(x) {
             return x;
         }
     }
 }
 
-/// Right ends of the 256 layers of equal area below a bell of height 1, the lowest first: that of the tail as if it were a
+/// Right ends of the 256 layers of equal area below a Gaussian of height 1, the lowest first: that of the tail as if it were a
 /// rectangle, [`TAIL`], then each from the one before.
 #[rustfmt::skip]
 static ENDS: [f64; 257] = [

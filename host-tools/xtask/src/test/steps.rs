@@ -87,7 +87,7 @@ pub const STEPS: &[Step] = &[
         build_programs(context.size)
     }),
     Step { after: &["programs"], ..COMPILES }.step("host-build", "host tests, the same", host_build),
-    COMPILES.step("clippy", "lints of the command with its first features alone", clippy),
+    COMPILES.step("clippy", "lints of the command as `cargo demo` builds it", clippy),
     Step { after: &["host-build"], ..PLAIN }.step("host", "host tests of the whole workspace; the world beside the paper's only in `all`", host),
     HOST.step("documents", "links, commands and sizes of the documents are right", documents),
     FIRMWARE.step(
